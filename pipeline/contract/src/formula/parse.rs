@@ -7,6 +7,7 @@ use std::ops::Range;
 
 use super::program::{Binary, Builder, Id, Program, Unary};
 use super::{FormulaError, Variable};
+use crate::source::nearest;
 
 /// Longest text that is read, bytes. Hand-written formulas stay under a few hundred.
 const LONGEST_TEXT: usize = 64 * 1024;
@@ -17,9 +18,6 @@ const DEEPEST_NESTING: usize = 200;
 
 /// Seeds of `noise` are literals in single precision, which holds every integer up to 2^24.
 const LARGEST_SEED: f32 = 16_777_215.0;
-
-/// Edits within which another word counts as meant: a swap, a slip or two.
-const NEAR: usize = 2;
 
 // Binding powers, weakest first; the table in the parent module's documentation.
 const OR: u8 = 1;
@@ -578,44 +576,13 @@ fn unknown_function(name: &str, span: Range<usize>) -> FormulaError {
     let foreign = FOREIGN_FUNCTIONS.iter().find(|(n, _)| *n == name);
     let message = if let Some((_, advice)) = foreign {
         format!("no function `{name}`: {advice}")
-    } else if let Some(near) = nearest_function(name) {
+    } else if let Some(near) = nearest(&name.to_lowercase(), FUNCTIONS.iter().map(|f| f.name)) {
         format!("no function `{name}`; did you mean `{near}`?")
     } else {
         let all: Vec<&str> = FUNCTIONS.iter().map(|f| f.name).collect();
         format!("no function `{name}`; there are {}", all.join(", "))
     };
     FormulaError { message, span }
-}
-
-/// The function whose name is fewest edits away, if few enough and fewer than the letters written.
-fn nearest_function(name: &str) -> Option<&'static str> {
-    let letters: Vec<char> = name.chars().flat_map(char::to_lowercase).collect();
-    FUNCTIONS
-        .iter()
-        .map(|f| (edit_distance(&letters, f.name), f.name))
-        .filter(|&(edits, _)| edits <= NEAR && edits < letters.len().max(2) - 1)
-        .min()
-        .map(|(_, name)| name)
-}
-
-/// Insertions, deletions, replacements and swaps of neighbours that turn `a` into `b`.
-fn edit_distance(a: &[char], b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    // Rows of the table for the last two prefixes of `a`; the older one serves swaps.
-    let mut older = vec![0; b.len() + 1];
-    let mut last: Vec<usize> = (0..=b.len()).collect();
-    for i in 1..=a.len() {
-        let mut row = vec![i; b.len() + 1];
-        for j in 1..=b.len() {
-            let replaced = last[j - 1] + usize::from(a[i - 1] != b[j - 1]);
-            row[j] = replaced.min(last[j] + 1).min(row[j - 1] + 1);
-            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
-                row[j] = row[j].min(older[j - 2] + 1);
-            }
-        }
-        older = std::mem::replace(&mut last, row);
-    }
-    last[b.len()]
 }
 
 #[cfg(test)]
@@ -789,14 +756,5 @@ mod tests {
         // A character across the limit is kept whole.
         assert!(fault(&"é+".repeat(LONGEST_TEXT / 2)).0.starts_with(['é', '+']));
         assert!(parse(&long[..LONGEST_TEXT - 1]).is_ok());
-    }
-
-    #[test]
-    fn edits_are_counted_with_swaps_as_one() {
-        let distance = |a: &str, b| edit_distance(&a.chars().collect::<Vec<_>>(), b);
-        assert_eq!(distance("clamp", "clamp"), 0);
-        assert_eq!(distance("clmap", "clamp"), 1);
-        assert_eq!(distance("", "abs"), 3);
-        assert_eq!(distance("kitten", "sitting"), 3);
     }
 }

@@ -77,6 +77,14 @@ fn truth(value: bool) -> f32 {
     if value { 1.0 } else { 0.0 }
 }
 
+fn at_least(v: f32, low: f32) -> f32 {
+    if low > v { low } else { v }
+}
+
+fn at_most(v: f32, high: f32) -> f32 {
+    if high < v { high } else { v }
+}
+
 impl Unary {
     /// The operation on one value: the one definition that folding, scalars and blocks share.
     #[inline(always)]
@@ -85,7 +93,7 @@ impl Unary {
             Unary::Identity => v,
             Unary::Negate => -v,
             Unary::Not => truth(v == 0.0),
-            // IEEE 754 fixes every bit of these four, so the processor's own serve.
+            // IEEE 754 fixes every bit of these five, so the processor's own serve.
             Unary::Sqrt => v.sqrt(),
             Unary::Abs => v.abs(),
             Unary::Floor => v.floor(),
@@ -110,7 +118,8 @@ impl Binary {
     /// The operation on two values: the one definition that folding, scalars and blocks share.
     ///
     /// Minimum and its kin spell out their comparison: std leaves the sign of a zero open, and
-    /// each of these is one or two SIMD instructions.
+    /// each of these is one or two SIMD instructions. No case may call `apply` again: a recursive
+    /// function is never inlined, and every loop over a block would then call it value by value.
     #[inline(always)]
     fn apply(self, a: f32, b: f32) -> f32 {
         match self {
@@ -139,23 +148,11 @@ impl Binary {
                     b
                 }
             }
-            Binary::AtLeast => {
-                if b > a {
-                    b
-                } else {
-                    a
-                }
-            }
-            Binary::AtMost => {
-                if b < a {
-                    b
-                } else {
-                    a
-                }
-            }
+            Binary::AtLeast => at_least(a, b),
+            Binary::AtMost => at_most(a, b),
             Binary::Ramp => {
                 let ratio = if (a == 0.0) & (b == 0.0) { 1.0 } else { a / b };
-                Binary::AtMost.apply(Binary::AtLeast.apply(ratio, 0.0), 1.0)
+                at_most(at_least(ratio, 0.0), 1.0)
             }
             Binary::Atan2 => libm::atan2f(a, b),
         }
@@ -168,6 +165,9 @@ fn select(condition: f32, yes: f32, no: f32) -> f32 {
 }
 
 /// Gradient noise [Perlin02] at lattice coordinates; NaN where either is not finite.
+///
+/// The crate scales as for gradients of length 1 but its diagonal ones have length √2, and cuts
+/// what exceeds ±1: flat tops on 1.0 % of the plane (5 million samples of 20 seeds, rms 0.43).
 fn perlin(table: &Perlin, x: f32, y: f32) -> f32 {
     if !(x.is_finite() && y.is_finite()) {
         return f32::NAN;
@@ -199,8 +199,8 @@ impl<T: Copy> Action<T> {
         }
     }
 
-    fn for_each_operand(self, mut f: impl FnMut(T)) {
-        self.map(|operand| f(operand));
+    fn for_each_operand(self, f: impl FnMut(T)) {
+        self.map(f);
     }
 }
 
@@ -306,50 +306,61 @@ impl Builder {
     /// Returns the program that computes `root`.
     pub(super) fn finish(self, root: Id) -> Program {
         let last_readers = self.last_readers(root);
-        let mut operands = vec![Operand::Constant(0.0); self.nodes.len()];
-        let (mut steps, mut slot_count, mut free) = (vec![], 0, vec![]);
-        let mut result = None;
-        for (index, node) in self.nodes.iter().enumerate().take(root.0 + 1) {
+        // Where each node's value is found; a node is placed before any reads it.
+        let mut places = vec![Operand::Constant(0.0); self.nodes.len()];
+        let (mut steps, mut slots) = (vec![], Slots::default());
+        for (index, &node) in self.nodes.iter().enumerate().take(root.0) {
             if last_readers[index].is_none() {
                 continue;
             }
-            let action = match *node {
-                Node::Constant(bits) => {
-                    operands[index] = Operand::Constant(f32::from_bits(bits));
-                    continue;
+            places[index] = match node {
+                Node::Constant(bits) => Operand::Constant(f32::from_bits(bits)),
+                Node::Input(input) => Operand::Input(input),
+                Node::Compute(action) => {
+                    // Taken before those read here are freed: no step overwrites its input.
+                    let slot = slots.take();
+                    steps.push(Step { action: action.map(|id| places[id.0]), slot });
+                    action.for_each_operand(|id| {
+                        if last_readers[id.0] == Some(index) {
+                            slots.free(places[id.0]);
+                        }
+                    });
+                    Operand::Slot(slot)
                 }
-                Node::Input(input) => {
-                    operands[index] = Operand::Input(input);
-                    continue;
-                }
-                Node::Compute(action) => action,
             };
-            let on_operands = action.map(|id| operands[id.0]);
-            if index == root.0 {
-                result = Some(on_operands);
-                break;
-            }
-            // Take the slot before freeing those read here, so that no step overwrites its input.
-            let slot = free.pop().unwrap_or_else(|| {
-                slot_count += 1;
-                slot_count - 1
-            });
-            operands[index] = Operand::Slot(slot);
-            steps.push(Step { action: on_operands, slot });
-            action.for_each_operand(|id| {
-                if let Operand::Slot(read) = operands[id.0]
-                    && last_readers[id.0] == Some(index)
-                    && !free.contains(&read)
-                {
-                    free.push(read);
-                }
-            });
         }
-        Program {
-            steps,
-            result: result.unwrap_or(Action::Unary(Unary::Identity, operands[root.0])),
-            slot_count,
-            tables: self.seeds.into_iter().map(Perlin::new).collect(),
+        let identity = |operand| Action::Unary(Unary::Identity, operand);
+        let result = match self.nodes[root.0] {
+            Node::Constant(bits) => identity(Operand::Constant(f32::from_bits(bits))),
+            Node::Input(input) => identity(Operand::Input(input)),
+            Node::Compute(action) => action.map(|id| places[id.0]),
+        };
+        let tables = self.seeds.into_iter().map(Perlin::new).collect();
+        Program { steps, result, slot_count: slots.count, tables }
+    }
+}
+
+/// Which slots hold a value that a later step reads.
+#[derive(Default)]
+struct Slots {
+    count: usize,
+    free: Vec<usize>,
+}
+
+impl Slots {
+    fn take(&mut self) -> usize {
+        self.free.pop().unwrap_or_else(|| {
+            self.count += 1;
+            self.count - 1
+        })
+    }
+
+    /// Gives back the operand's slot, if it is one; twice does no harm, as in `a * a`.
+    fn free(&mut self, operand: Operand) {
+        if let Operand::Slot(slot) = operand
+            && !self.free.contains(&slot)
+        {
+            self.free.push(slot);
         }
     }
 }
@@ -496,33 +507,41 @@ fn binary_lanes(op: Binary, a: Lane<'_>, b: Lane<'_>, out: &mut [f32]) {
         NotEqual And Or Min Max AtLeast AtMost Ramp Atan2);
 }
 
-#[inline(always)]
 fn fill_from_one(out: &mut [f32], a: Lane<'_>, f: impl Fn(f32) -> f32) {
     match a {
         Lane::All(a) => out.fill(f(a)),
-        Lane::Each(a) => out.iter_mut().zip(a).for_each(|(out, &a)| *out = f(a)),
+        Lane::Each(a) => zip_one(out, a, f),
     }
 }
 
-#[inline(always)]
 fn fill_from_two(out: &mut [f32], a: Lane<'_>, b: Lane<'_>, f: impl Fn(f32, f32) -> f32) {
     match (a, b) {
         (Lane::All(a), Lane::All(b)) => out.fill(f(a, b)),
-        (Lane::All(a), Lane::Each(b)) => fill_from_one(out, Lane::Each(b), |b| f(a, b)),
-        (Lane::Each(a), Lane::All(b)) => fill_from_one(out, Lane::Each(a), |a| f(a, b)),
-        (Lane::Each(a), Lane::Each(b)) => {
-            out.iter_mut().zip(a).zip(b).for_each(|((out, &a), &b)| *out = f(a, b));
-        }
+        (Lane::All(a), Lane::Each(b)) => zip_one(out, b, move |b| f(a, b)),
+        (Lane::Each(a), Lane::All(b)) => zip_one(out, a, move |a| f(a, b)),
+        (Lane::Each(a), Lane::Each(b)) => zip_two(out, a, b, f),
+    }
+}
+
+fn zip_one(out: &mut [f32], a: &[f32], f: impl Fn(f32) -> f32) {
+    for (out, &a) in out.iter_mut().zip(a) {
+        *out = f(a);
+    }
+}
+
+fn zip_two(out: &mut [f32], a: &[f32], b: &[f32], f: impl Fn(f32, f32) -> f32) {
+    for ((out, &a), &b) in out.iter_mut().zip(a).zip(b) {
+        *out = f(a, b);
     }
 }
 
 fn select_lanes(condition: Lane<'_>, yes: Lane<'_>, no: Lane<'_>, out: &mut [f32]) {
     match (condition, yes, no) {
         (Lane::All(c), yes, no) => {
-            fill_from_two(out, yes, no, |yes, no| select(c, yes, no));
+            fill_from_two(out, yes, no, move |yes, no| select(c, yes, no));
         }
-        (c, Lane::All(yes), no) => fill_from_two(out, c, no, |c, no| select(c, yes, no)),
-        (c, yes, Lane::All(no)) => fill_from_two(out, c, yes, |c, yes| select(c, yes, no)),
+        (c, Lane::All(yes), no) => fill_from_two(out, c, no, move |c, no| select(c, yes, no)),
+        (c, yes, Lane::All(no)) => fill_from_two(out, c, yes, move |c, yes| select(c, yes, no)),
         (Lane::Each(c), Lane::Each(yes), Lane::Each(no)) => {
             let conditions = out.iter_mut().zip(c);
             conditions.zip(yes.iter().zip(no)).for_each(|((out, &c), (&yes, &no))| {

@@ -1,7 +1,7 @@
 //! Reading typed values out of TOML with every mistake at its own token.
 //!
 //! A text is parsed once into a tree of [`Value`]s that keep their places. Types declared with
-//! [`table!`](crate::table), [`choice!`](crate::choice) and [`words!`](crate::words) read
+//! [`table!`](macro@crate::table), [`choice!`](macro@crate::choice) and [`words!`](macro@crate::words) read
 //! themselves from that tree: unknown keys, wrong types and values out of range are gathered in
 //! a list, each with its span, instead of stopping at the first. The same declaration gives the
 //! defaults, the JSON Schema and, through `serde`, the canonical parameters of provenance.
@@ -257,7 +257,7 @@ pub fn report_unknown_keys(table: &Table, known: &[&str], problems: &mut Problem
     problems.len() == before
 }
 
-/// Reads one field; used by [`table!`](crate::table).
+/// Reads one field; used by [`table!`](macro@crate::table).
 pub fn read_field<T: FromToml>(
     table: &Table,
     span: Span,
@@ -352,7 +352,7 @@ impl<C: FromTable, V: FromTable> FromToml for Tagged<C, V> {
     }
 }
 
-/// Joins property schemas into an object schema; used by [`table!`](crate::table).
+/// Joins property schemas into an object schema; used by [`table!`](macro@crate::table).
 pub fn object_schema(doc: &str, fields: Vec<(&str, &str, Json, bool)>) -> Json {
     let mut properties = Map::new();
     let mut required = Vec::new();
@@ -547,12 +547,12 @@ pub fn report_unknown_word(
     });
 }
 
-/// Schema of a word out of a list; used by [`words!`](crate::words).
+/// Schema of a word out of a list; used by [`words!`](macro@crate::words).
 pub fn word_schema(words: &[&str]) -> Json {
     json!({ "type": "string", "enum": words })
 }
 
-/// Schema of a variant with its tag fixed; used by [`choice!`](crate::choice).
+/// Schema of a variant with its tag fixed; used by [`choice!`](macro@crate::choice).
 pub fn tagged_schema(tag: &str, word: &str, mut schema: Json) -> Json {
     if let Some(properties) = schema.get_mut("properties").and_then(Json::as_object_mut) {
         properties.insert(tag.into(), json!({ "const": word }));
@@ -715,8 +715,8 @@ impl FromToml for crate::Formula {
         match crate::Formula::parse(text) {
             Ok(formula) => Some(formula),
             Err(error) => {
-                // Skip the opening quote; escapes inside a formula would shift the place, but
-                // no formula needs one.
+                // Skip the opening quote. An escape before the place shifts it by its backslash,
+                // which single quotes in the formula avoid.
                 let span = value.span.narrow(error.span.start + 1..error.span.end + 1);
                 problems.push(Problem::at(span, error.message));
                 None
@@ -801,11 +801,23 @@ mod tests {
         type Entry = Tagged<Common, Operator>;
         let (entry, problems) = read::<Entry>("op = \"wave\"\nwavelength = 2\nenabled = false");
         assert_eq!(problems, []);
-        assert!(!entry.unwrap().common.enabled);
+        let entry = entry.unwrap();
+        assert_eq!((entry.common.enabled, entry.variant.word()), (false, "wave"));
         let (entry, problems) = read::<Entry>("op = \"wavee\"\nwavelength = 2");
         assert!(entry.is_none());
         assert_eq!(problems.len(), 1);
         assert!(problems[0].1.contains("did you mean `wave`?"));
+    }
+
+    #[test]
+    fn a_word_out_of_a_list_is_read_and_a_near_miss_is_corrected() {
+        let value = Value::parse(0, "a = \"greedy\"\nb = \"gredy\"").unwrap();
+        let table = value.as_table().unwrap();
+        let mut problems = Vec::new();
+        let order = Order::from_toml(table.get("a").unwrap(), &mut problems).unwrap();
+        assert_eq!((order, order.word(), Order::Sync.word()), (Order::Greedy, "greedy", "sync"));
+        assert_eq!(Order::from_toml(table.get("b").unwrap(), &mut problems), None);
+        assert!(problems[0].to_string().contains("did you mean `greedy`?"));
     }
 
     #[test]

@@ -1,1 +1,92 @@
-//! stub
+//! Path tracer for instanced landscapes: light of sun and sky through billions of leaves.
+//!
+//! A [`Scene`] is a tree of levels. Plants are meshes; groups place plants or other groups; the
+//! scene places groups, plants, the ground and objects. Nothing is ever copied: a ray is taken
+//! into the space of the instance that it enters, to any depth, so memory follows the number of
+//! *different* things. [`render`] follows light paths backwards from the eye [Kajiya86], with
+//! next-event estimation towards sun and sky and multiple importance sampling [Veach97], and
+//! returns a [`Film`] of radiance and first-hit layers.
+//!
+//! Radiance is linear Rec. 709; its luminance is in kcd/m². Everything is deterministic: the
+//! same parts and seed give the same bits for any number of threads.
+
+mod config;
+mod film;
+mod path;
+mod scene;
+mod tone;
+
+pub use config::{Config, Sky};
+pub use film::{Film, FilmStatistics};
+pub use path::render;
+pub use scene::{Object, Parts, PrototypeSource, Scene, Statistics};
+pub use tone::tone_map;
+
+use weald_contract::Problem;
+
+/// Changes whenever the same input would give other bytes than before.
+pub const OUTPUT_VERSION: u32 = 1;
+
+/// Why there is no picture.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Something the user wrote.
+    #[error(transparent)]
+    Problem(#[from] Problem),
+    /// The caller asked to stop.
+    #[error("stopped before it was done")]
+    Cancelled,
+    /// The terrain lacks a layer.
+    #[error("the terrain has no layer `{0}`; `weald terrain` writes it")]
+    MissingLayer(&'static str),
+    /// A value of the terrain is not a number, or the grid is too small to have a surface.
+    #[error("the terrain's layer `{layer}` cannot be a surface: {what}")]
+    BadTerrain {
+        /// The layer.
+        layer: &'static str,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A mesh has indices out of range or coordinates that are no numbers.
+    #[error("the model of {what} is damaged: {why}")]
+    BadModel {
+        /// Which prototype or object.
+        what: String,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// An instance refers to an id that is neither a representative nor a group.
+    #[error("row {row} of the instances places prototype {prototype}, which the palette lacks")]
+    UnknownPrototype {
+        /// Row of the table.
+        row: usize,
+        /// The id.
+        prototype: u32,
+    },
+    /// An instance stands nowhere, or has no size.
+    #[error("row {row} of the instances is damaged: {why}")]
+    BadInstance {
+        /// Row of the table.
+        row: usize,
+        /// What is wrong with it.
+        why: &'static str,
+    },
+    /// Groups contain each other in a circle or nest too deep.
+    #[error("group {group} is nested more than {limit} levels deep or contains itself")]
+    Nesting {
+        /// A group on the circle.
+        group: u32,
+        /// Levels that are allowed.
+        limit: usize,
+    },
+    /// More things than indices can number.
+    #[error("{what}: {count} are more than the {limit} that can be numbered")]
+    TooMany {
+        /// Of what.
+        what: String,
+        /// How many there are.
+        count: usize,
+        /// How many there may be.
+        limit: usize,
+    },
+}

@@ -1,0 +1,98 @@
+//! The tables `[render]` and `[sky]` of a scene.
+
+use weald_contract::{Problem, Problems, View, Written, table};
+
+table! {
+    /// How the picture is made.
+    pub struct Config {
+        /// Name of the `[[view]]` to render.
+        view: Written<String>;
+        /// Pixels across and down.
+        resolution: [u32; 2] = [960, 540], in 1.0..=16384.0;
+        /// Light paths traced for each pixel.
+        samples: u32 = 24, in 1.0..=65536.0;
+        /// Scattering events after which a path ends; 1 is direct light only.
+        bounces: u32 = 6, in 1.0..=64.0;
+        /// Stops by which the preview is brighter than the automatic exposure; the EXR is not
+        /// touched by it.
+        exposure: f32 = 0.0, in -20.0..=20.0;
+        /// Diameter of the lens, mm; 0 is a pinhole, where everything is sharp. The lens is
+        /// focused on the point that the view looks at.
+        aperture_mm: f32 = 0.0, in 0.0..=1000.0;
+    }
+}
+
+table! {
+    /// The light of the day.
+    pub struct Sky {
+        /// Direction of the sun, degrees clockwise from north.
+        sun_azimuth_deg: f32 = 210.0, in -360.0..=360.0;
+        /// Height of the sun above the horizon, degrees.
+        sun_elevation_deg: f32 = 35.0, in 0.5..=90.0;
+        /// Turbidity: 2 is very clear, 3 a clear day, 6 hazy, 10 thick [HW12].
+        turbidity: f32 = 3.0, in 1.0..=10.0;
+        /// Reflectance of the ground far around, which lights the sky from below.
+        ground_albedo: f32 = 0.15, in 0.0..=1.0;
+        /// Extinction of the air between things and the eye, 1/km; 0.1 is clear, 4 is fog.
+        haze: f32 = 0.1, in 0.0..=1000.0;
+    }
+}
+
+impl Config {
+    /// Finds what is wrong before any work: a view that does not exist.
+    pub fn check(&self, views: &[View]) -> Problems {
+        self.find_view(views).err().into_iter().collect()
+    }
+
+    /// The view that the table names.
+    ///
+    /// # Errors
+    /// There is none of that name; the problem lists those that exist.
+    pub fn find_view<'a>(&self, views: &'a [View]) -> Result<&'a View, Problem> {
+        views.iter().find(|view| view.name == self.view.value).ok_or_else(|| {
+            let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+            let hint = match weald_contract::source::nearest(&self.view.value, names.clone()) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None if names.is_empty() => "the scene has no `[[view]]`".to_string(),
+                None => format!("views of this scene: {}", names.join(", ")),
+            };
+            Problem::at(self.view.span, format!("unknown view `{}`", self.view.value)).hint(hint)
+        })
+    }
+}
+
+impl Sky {
+    /// The sky of a table that says nothing.
+    pub fn clear_day() -> Self {
+        Self {
+            sun_azimuth_deg: 210.0,
+            sun_elevation_deg: 35.0,
+            turbidity: 3.0,
+            ground_albedo: 0.15,
+            haze: 0.1,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use weald_contract::{FromToml, Value};
+
+    #[test]
+    fn an_empty_sky_table_is_a_clear_day() {
+        let value = Value::parse(0, "").unwrap();
+        assert_eq!(Sky::from_toml(&value, &mut Vec::new()), Some(Sky::clear_day()));
+    }
+
+    #[test]
+    fn a_misspelt_view_is_pointed_at() {
+        let value = Value::parse(0, "view = \"bnak\"").unwrap();
+        let config = Config::from_toml(&value, &mut Vec::new()).unwrap();
+        let view = "name = \"bank\"\nstand_at = [0, 0]\nlook_at = [1, 0]";
+        let view = View::from_toml(&Value::parse(0, view).unwrap(), &mut Vec::new()).unwrap();
+        let problems = config.check(&[view]);
+        assert!(problems[0].to_string().contains("did you mean `bank`?"));
+        assert!(problems[0].span.is_some());
+    }
+}

@@ -1,0 +1,141 @@
+//! The film: what each pixel gathered, and the picture made of it.
+
+use weald_contract::Picture;
+
+/// Value of `Z` where nothing but sky is seen, m: as Blender writes it, so that compositors
+/// which multiply by coverage meet no infinity.
+pub const SKY_DEPTH: f32 = 1e10;
+
+/// Largest radiance kept in a picture: the largest finite half-precision number.
+const MAX_RADIANCE: f64 = 65504.0;
+
+/// Sums over the samples of one pixel.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Pixel {
+    /// Sum of radiance.
+    pub radiance: [f64; 3],
+    /// Samples taken.
+    pub samples: u32,
+    /// Samples that met something other than sky.
+    pub covered: u32,
+    /// Sum of first-hit albedo over the covered samples.
+    pub albedo: [f64; 3],
+    /// Sum of first-hit shading normals.
+    pub normal: [f64; 3],
+    /// Distance along the view axis and position of the nearest first hit.
+    pub nearest: Option<(f32, [f32; 3])>,
+    /// Species and plant that most samples saw.
+    pub seen: Vote,
+}
+
+/// Majority vote over (species, plant) pairs in constant space [BM91].
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Vote {
+    candidate: (u32, u64),
+    lead: u32,
+}
+
+impl Vote {
+    /// Counts one ballot.
+    pub fn cast(&mut self, species: u32, plant: u64) {
+        if self.lead == 0 {
+            self.candidate = (species, plant);
+        }
+        if self.candidate == (species, plant) {
+            self.lead += 1;
+        } else {
+            self.lead -= 1;
+        }
+    }
+}
+
+/// What a rendering counted.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct FilmStatistics {
+    /// Pixels times samples.
+    pub samples: u64,
+    /// Rays traced: towards surfaces, sun and sky.
+    pub rays: u64,
+}
+
+/// A rendered view.
+#[derive(Clone, Debug)]
+pub struct Film {
+    pub(crate) width: usize,
+    pub(crate) height: usize,
+    pub(crate) pixels: Vec<Pixel>,
+    pub(crate) statistics: FilmStatistics,
+}
+
+impl Film {
+    /// What was counted.
+    pub fn statistics(&self) -> FilmStatistics {
+        self.statistics
+    }
+
+    /// The picture.
+    ///
+    /// Channels: `R G B` (linear Rec. 709, luminance in kcd/m², at most 65504), `A` (part of the
+    /// pixel that is not sky), `Z` (distance along the view axis of the nearest thing seen, m;
+    /// 1e10 for sky), `albedo.R/G/B`, `normal.X/Y/Z` (means over the part that is not sky),
+    /// `position.X/Y/Z` (scene coordinates; Z is the altitude; the place `Z` belongs to),
+    /// `species` and `plant` (of the majority; 0 where there is no plant; plant numbers modulo
+    /// 2²⁴, the largest whole number a float counts to), `samples`.
+    pub fn picture(&self) -> Picture {
+        let mut picture = Picture { width: self.width, height: self.height, channels: Vec::new() };
+        let mut add = |name: &str, is_exact: bool, value: &dyn Fn(&Pixel) -> f32| {
+            picture.add(name, is_exact, self.pixels.iter().map(value).collect());
+        };
+        for (index, name) in ["R", "G", "B"].into_iter().enumerate() {
+            add(name, false, &|pixel| mean(pixel.radiance[index], pixel.samples));
+        }
+        add("A", false, &|pixel| mean(f64::from(pixel.covered), pixel.samples));
+        add("Z", true, &|pixel| pixel.nearest.map_or(SKY_DEPTH, |(depth, _)| depth));
+        for (index, name) in ["albedo.R", "albedo.G", "albedo.B"].into_iter().enumerate() {
+            add(name, false, &|pixel| mean(pixel.albedo[index], pixel.covered));
+        }
+        for (index, name) in ["normal.X", "normal.Y", "normal.Z"].into_iter().enumerate() {
+            add(name, false, &|pixel| mean(pixel.normal[index], pixel.covered));
+        }
+        for (index, name) in ["position.X", "position.Y", "position.Z"].into_iter().enumerate() {
+            add(name, true, &|pixel| pixel.nearest.map_or(0.0, |(_, position)| position[index]));
+        }
+        add("species", true, &|pixel| pixel.seen.candidate.0 as f32);
+        add("plant", true, &|pixel| (pixel.seen.candidate.1 & 0xff_ffff) as f32);
+        add("samples", true, &|pixel| pixel.samples as f32);
+        picture
+    }
+}
+
+/// Mean of a sum, 0 of nothing, within what half precision holds.
+fn mean(sum: f64, count: u32) -> f32 {
+    if count == 0 {
+        return 0.0;
+    }
+    (sum / f64::from(count)).clamp(-MAX_RADIANCE, MAX_RADIANCE) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_vote_goes_to_the_majority() {
+        let mut vote = Vote::default();
+        for plant in [1, 2, 2, 3, 2, 2, 1] {
+            vote.cast(5, plant);
+        }
+        assert_eq!(vote.candidate, (5, 2));
+    }
+
+    #[test]
+    fn a_pixel_that_saw_only_sky_is_transparent_and_far() {
+        let pixel = Pixel { radiance: [2.0, 4.0, 8.0], samples: 2, ..Pixel::default() };
+        let film =
+            Film { width: 1, height: 1, pixels: vec![pixel], statistics: Default::default() };
+        let picture = film.picture();
+        assert_eq!(picture.channel("G"), Some(&[2.0][..]));
+        assert_eq!(picture.channel("A"), Some(&[0.0][..]));
+        assert_eq!(picture.channel("Z"), Some(&[SKY_DEPTH][..]));
+    }
+}

@@ -1,0 +1,170 @@
+//! ESRI ASCII grids: a header of five or six lines, then numbers, north row first.
+
+use crate::bytes::{MAX_FILE_BYTES, read_text};
+use crate::error::{Error, Result};
+use crate::geotiff::MAX_CELLS;
+use std::path::Path;
+use weald_contract::{Crs, Frame, Grid, Raster};
+
+/// Reads an ESRI ASCII grid; the format names no reference system.
+///
+/// # Errors
+/// When the header lacks a field or the numbers are not as many as it says.
+pub fn read_raster(path: &Path) -> Result<Raster> {
+    parse_raster(path, &read_text(path, MAX_FILE_BYTES)?)
+}
+
+/// Reads an ESRI ASCII grid from its text; `path` is for messages only.
+///
+/// # Errors
+/// As [`read_raster`].
+pub fn parse_raster(path: &Path, text: &str) -> Result<Raster> {
+    let (header, body) = Header::read(path, text)?;
+    let frame = header.frame(path)?;
+    // Each number takes at least a digit and a space, which bounds the allocation.
+    if frame.len() > body.len().div_ceil(2) {
+        let message = format!("the header promises {} numbers", frame.len());
+        return Err(Error::invalid(path, message, "the file is shorter; it may be cut short"));
+    }
+    let mut values = Vec::with_capacity(frame.len());
+    for word in body.split_ascii_whitespace() {
+        let number: f64 = word.parse().map_err(|_| {
+            let message = format!("number {} is `{word}`", values.len() + 1);
+            Error::invalid(path, message, "only numbers may follow the header")
+        })?;
+        let is_missing = header.nodata == Some(number);
+        values.push(if is_missing { f32::NAN } else { number as f32 });
+    }
+    if values.len() != frame.len() {
+        let message = format!("the grid has {} numbers", values.len());
+        let hint = format!("the header promises {} x {}", frame.width, frame.height);
+        return Err(Error::invalid(path, message, hint));
+    }
+    Ok(Raster { grid: Grid { frame, values }, crs: Crs::default() })
+}
+
+/// Header fields; `xllcorner` and `xllcenter` are alternatives.
+#[derive(Default)]
+struct Header {
+    ncols: Option<f64>,
+    nrows: Option<f64>,
+    cellsize: Option<f64>,
+    xll: Option<f64>,
+    yll: Option<f64>,
+    x_is_center: bool,
+    y_is_center: bool,
+    nodata: Option<f64>,
+}
+
+impl Header {
+    /// Reads `word number` lines up to the first line that starts with a number.
+    fn read<'a>(path: &Path, text: &'a str) -> Result<(Self, &'a str)> {
+        let mut header = Self::default();
+        let mut rest = text;
+        while let Some(line) = rest.lines().next() {
+            let mut words = line.split_ascii_whitespace();
+            let first = words.next().unwrap_or_default();
+            // `nan` begins with a letter but is a value.
+            if !first.is_empty() && first.parse::<f64>().is_ok() {
+                break;
+            }
+            if !first.is_empty() {
+                let number = words.next().and_then(|word| word.parse().ok());
+                header.set(path, first, number)?;
+            }
+            rest = rest.split_once('\n').map_or("", |(_, after)| after);
+        }
+        Ok((header, rest))
+    }
+
+    fn set(&mut self, path: &Path, word: &str, number: Option<f64>) -> Result<()> {
+        let name = word.to_ascii_lowercase();
+        let field = match name.as_str() {
+            "ncols" => &mut self.ncols,
+            "nrows" => &mut self.nrows,
+            "cellsize" => &mut self.cellsize,
+            "xllcorner" => &mut self.xll,
+            "yllcorner" => &mut self.yll,
+            "xllcenter" => {
+                self.x_is_center = true;
+                &mut self.xll
+            }
+            "yllcenter" => {
+                self.y_is_center = true;
+                &mut self.yll
+            }
+            "nodata_value" => &mut self.nodata,
+            _ => {
+                let shown: String = word.chars().take(40).collect();
+                let hint = "an ESRI ASCII grid begins with ncols, nrows, xllcorner, yllcorner, \
+                            cellsize and NODATA_value";
+                return Err(Error::invalid(path, format!("unknown header `{shown}`"), hint));
+            }
+        };
+        if number.is_none() {
+            return Err(Error::invalid(path, format!("`{word}` has no number"), ""));
+        }
+        *field = number;
+        Ok(())
+    }
+
+    fn frame(&self, path: &Path) -> Result<Frame> {
+        let need = |field: Option<f64>, name: &str| {
+            field.filter(|number| number.is_finite()).ok_or_else(|| {
+                let hint = "this header is required; is it an ESRI ASCII grid?";
+                Error::invalid(path, format!("the header has no `{name}`"), hint)
+            })
+        };
+        let (columns, rows) = (need(self.ncols, "ncols")?, need(self.nrows, "nrows")?);
+        let cell = need(self.cellsize, "cellsize")?;
+        let is_count = |n: f64| n >= 1.0 && n.fract() == 0.0;
+        if !(is_count(columns) && is_count(rows) && columns * rows <= MAX_CELLS as f64) {
+            let message = format!("the header says {columns} x {rows} cells");
+            return Err(Error::invalid(path, message, format!("1 to {MAX_CELLS} are read")));
+        }
+        if cell <= 0.0 {
+            return Err(Error::invalid(path, format!("the cell size is {cell}"), "it must be > 0"));
+        }
+        let half = |is_center: bool| if is_center { 0.5 * cell } else { 0.0 };
+        Ok(Frame {
+            width: columns as usize,
+            height: rows as usize,
+            cell,
+            west: need(self.xll, "xllcorner")? - half(self.x_is_center),
+            south: need(self.yll, "yllcorner")? - half(self.y_is_center),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(text: &str) -> Result<Raster> {
+        parse_raster(Path::new("dem.asc"), text)
+    }
+
+    #[test]
+    fn corner_and_centre_headers_mean_the_same_place() {
+        let corner = "ncols 2\nnrows 1\nxllcorner 10\nyllcorner 20\ncellsize 4\n1 2\n";
+        let center = "NCOLS 2\r\nNROWS 1\r\nXLLCENTER 12\r\nYLLCENTER 22\r\nCELLSIZE 4\r\n1 2\r\n";
+        assert_eq!(parse(corner).unwrap(), parse(center).unwrap());
+    }
+
+    #[test]
+    fn missing_values_become_nan() {
+        let text =
+            "ncols 2\nnrows 1\nxllcorner 0\nyllcorner 0\ncellsize 1\nNODATA_value -9999\n-9999 5";
+        let values = parse(text).unwrap().grid.values;
+        assert!(values[0].is_nan() && values[1] == 5.0);
+    }
+
+    #[test]
+    fn a_cut_file_and_an_absurd_size_are_refused() {
+        for body in ["ncols 3\nnrows 2", "ncols 1e9\nnrows 1e9", "ncols -1\nnrows 2", "ncols x"] {
+            let text = format!("{body}\nxllcorner 0\nyllcorner 0\ncellsize 1\n1 2 3 4 5");
+            let error = parse(&text).unwrap_err().to_string();
+            assert!(error.starts_with("dem.asc: "), "{error}");
+        }
+    }
+}

@@ -1,0 +1,177 @@
+//! The code book of any table of numbers: centres, and the centre that stands for each row.
+
+use crate::exact;
+use crate::refine::{Partition, lloyd, search};
+use crate::samples::Samples;
+use crate::split::cut_tree;
+use crate::table::Table;
+
+weald_contract::words! {
+    /// How long clusters are improved.
+    pub enum Mode {
+        /// Splitting alone, as [Wan88] and [Deussen98] do.
+        Paper = "paper",
+        /// Splitting and three steps of Lloyd; exact when one number varies.
+        Fast = "fast",
+        /// Steps until they settle, and swaps that merge and split; exact when one number varies.
+        Best = "best",
+    }
+}
+
+/// Lloyd's steps of [`Mode::Fast`]: three bring the error of splitting from 1.16-1.31 times the
+/// best known one to 1.03-1.07 times, at a fraction of the time of converging.
+const FAST_STEPS: usize = 3;
+
+/// Clusters of a table's rows. No cluster is empty.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Codebook {
+    /// Columns of the table.
+    pub columns: usize,
+    /// Centre after centre, `columns` numbers each: the weighted mean of the cluster's rows, or
+    /// the plain mean where they carry no weight.
+    pub centres: Vec<f64>,
+    /// Cluster of each row.
+    pub labels: Vec<u32>,
+}
+
+impl Codebook {
+    /// Number of clusters.
+    pub fn len(&self) -> usize {
+        self.centres.len() / self.columns.max(1)
+    }
+
+    /// Whether there is no cluster, as of a table without rows.
+    pub fn is_empty(&self) -> bool {
+        self.centres.is_empty()
+    }
+
+    /// The numbers of a centre.
+    ///
+    /// # Panics
+    /// When there is no such cluster.
+    pub fn centre(&self, label: usize) -> &[f64] {
+        &self.centres[label * self.columns..][..self.columns]
+    }
+
+    /// Weighted mean of the squared distances between rows and their centres; the plain mean
+    /// when no row carries weight, and 0 without rows.
+    ///
+    /// # Panics
+    /// When the table is another than the one that was clustered, and shorter or narrower.
+    pub fn distortion(&self, table: &Table) -> f64 {
+        let is_weighted = table.weights().iter().any(|weight| *weight > 0.0);
+        let (mut sum, mut total) = (0.0, 0.0);
+        for (index, label) in self.labels.iter().enumerate() {
+            let weight = if is_weighted { table.weights()[index] } else { 1.0 };
+            let pairs = table.row(index).iter().zip(self.centre(*label as usize));
+            sum += weight * pairs.map(|(value, centre)| (value - centre).powi(2)).sum::<f64>();
+            total += weight;
+        }
+        if total > 0.0 { sum / total } else { 0.0 }
+    }
+
+    /// Gathers clusters of samples: numbers those in use from 0 and takes their means.
+    fn of_samples(table: &Table, samples: &Samples, labels: &[u32]) -> Self {
+        let mut of_rows = vec![0; labels.len()];
+        for (row, label) in samples.order.iter().zip(labels) {
+            of_rows[*row as usize] = *label;
+        }
+        Self::of_labels(table, &samples.order, of_rows)
+    }
+
+    /// Takes means in the order of `order`, which does not depend on the order of the rows.
+    fn of_labels(table: &Table, order: &[u32], mut labels: Vec<u32>) -> Self {
+        let used = number_from_zero(&mut labels);
+        let columns = table.columns();
+        // Weighted sums, weight, plain sums, count: the latter two for clusters without weight.
+        let mut sums = vec![0.0; used * columns];
+        let mut weights = vec![0.0; used];
+        let mut plain = vec![0.0; used * columns];
+        let mut counts = vec![0.0; used];
+        for row in order.iter().map(|row| *row as usize) {
+            let (label, weight) = (labels[row] as usize, table.weights()[row]);
+            weights[label] += weight;
+            counts[label] += 1.0;
+            for (column, value) in table.row(row).iter().enumerate() {
+                sums[label * columns + column] += weight * value;
+                plain[label * columns + column] += value;
+            }
+        }
+        let centre = |at: usize| match weights[at / columns] {
+            weight if weight > 0.0 => sums[at] / weight,
+            _ => plain[at] / counts[at / columns],
+        };
+        let centres = (0..used * columns).map(centre).collect();
+        Self { columns, centres, labels }
+    }
+}
+
+/// Numbers the labels in use from 0, keeping their order, and returns how many they are.
+fn number_from_zero(labels: &mut [u32]) -> usize {
+    let k = labels.iter().max().map_or(0, |label| *label as usize + 1);
+    let mut numbers = vec![u32::MAX; k];
+    labels.iter().for_each(|label| numbers[*label as usize] = 0);
+    let mut used = 0;
+    for number in numbers.iter_mut().filter(|number| **number == 0) {
+        *number = used;
+        used += 1;
+    }
+    labels.iter_mut().for_each(|label| *label = numbers[*label as usize]);
+    used as usize
+}
+
+/// Clusters the rows of a table into at most `k` clusters (at least one, if there are rows).
+///
+/// Fewer result when fewer distinct rows carry weight. Rows without weight belong to a cluster,
+/// but pull at no centre. The same rows in another order give the same clusters, and so does any
+/// number of threads.
+pub fn cluster(table: &Table, k: usize, mode: Mode) -> Codebook {
+    cluster_in_order(table, k, mode).0
+}
+
+/// [`cluster`], and the rows in an order that depends on their content alone: sums taken along it
+/// are those of any permutation of the table.
+pub(crate) fn cluster_in_order(table: &Table, k: usize, mode: Mode) -> (Codebook, Vec<u32>) {
+    let exact_column = match mode {
+        Mode::Paper => None,
+        Mode::Fast | Mode::Best => exact::column(table, k),
+    };
+    let samples = Samples::of(table);
+    if let Some(column) = exact_column {
+        let labels = exact::labels(table, column, k);
+        return (Codebook::of_labels(table, &samples.order, labels), samples.order);
+    }
+    let tree = cut_tree(&samples, k);
+    let start = Partition { k: tree.gains.len() + 1, labels: tree.labels };
+    let partition = match mode {
+        Mode::Paper => start,
+        Mode::Fast => lloyd(&samples, start, FAST_STEPS),
+        Mode::Best => search(&samples, start),
+    };
+    (Codebook::of_samples(table, &samples, &partition.labels), samples.order)
+}
+
+/// Splits the rows of a table into at most `k` clusters, without refinement [Wan88].
+pub fn split(table: &Table, k: usize) -> Codebook {
+    cluster(table, k, Mode::Paper)
+}
+
+/// Improves a code book by at most `steps` of Lloyd's steps; the distortion never rises.
+///
+/// # Panics
+/// When `codebook` has not one label for each row of the table.
+pub fn refine(table: &Table, codebook: &Codebook, steps: usize) -> Codebook {
+    assert_eq!(table.len(), codebook.labels.len(), "a code book of another table");
+    let samples = Samples::of(table);
+    let labels = samples.order.iter().map(|row| codebook.labels[*row as usize]).collect();
+    let start = Partition { labels, k: codebook.len() };
+    let partition = lloyd(&samples, start, steps);
+    Codebook::of_samples(table, &samples, &partition.labels)
+}
+
+/// Gains of up to `k - 1` cuts in the order in which splitting makes them: falls of the weighted
+/// sum of squared distances, in the table's own units.
+pub(crate) fn gains(table: &Table, k: usize) -> Vec<f64> {
+    let samples = Samples::of(table);
+    cut_tree(&samples, k).gains.into_iter().map(|gain| gain * samples.unit).collect()
+}

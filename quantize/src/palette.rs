@@ -1,0 +1,386 @@
+//! From a population to palette and instances: the order of the work.
+
+use crate::codebook::{Codebook, cluster_in_order, gains};
+use crate::features::{COUNT, LEAST_HEIGHT, Traits};
+use crate::groups::{self, Patches};
+use crate::report::{Report, SpeciesReport};
+use crate::table::Table;
+use crate::{Config, Error, Quantized, budget};
+use glam::{DQuat, Quat};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use weald_contract::instances::Instance;
+use weald_contract::source::nearest;
+use weald_contract::{
+    Group, Instances, Palette, Plant, Population, Problem, Progress, Representative, Seed, Size,
+    Species, Stream,
+};
+
+/// Where something stands.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Place {
+    /// In the scene: the plant with this index, and its id.
+    Scene { index: usize, id: u64 },
+    /// In a patch: that patch's index, and the member's number.
+    Patch { patch: usize, ordinal: usize },
+}
+
+impl Place {
+    /// A random stream of this place's own.
+    pub fn stream(self, seed: Seed, name: &str) -> Stream {
+        match self {
+            Place::Scene { id, .. } => seed.part("variant", 0).stream(name, id),
+            Place::Patch { patch, ordinal } => {
+                seed.part("variant", 1 + patch as u64).stream(name, ordinal as u64)
+            }
+        }
+    }
+}
+
+/// One plant or patch of a species, wherever it stands.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Standing {
+    pub place: Place,
+    pub traits: Traits,
+    /// Times it is seen in the scene: 1 there, and as often as its patch inside a patch.
+    pub seen: f64,
+}
+
+/// See [`crate::quantize`].
+pub(crate) fn build(
+    config: &Config,
+    population: &Population,
+    species: &BTreeMap<String, Species>,
+    seed: Seed,
+    progress: &dyn Progress,
+) -> Result<Quantized, Error> {
+    if let Some(problem) = config.check(species).into_iter().next() {
+        return Err(problem.into());
+    }
+    let mut standing = standing_in_scene(population, species)?;
+    let patches = groups::fill(config, species, &mut standing, seed)?;
+    standing.retain(|_, plants| !plants.is_empty());
+    progress.begin(
+        "quantizing",
+        standing.values().map(|plants| plants.len() as u64).sum(),
+        "plants",
+    );
+
+    let counts = representative_counts(config, &standing, species, progress)?;
+    let mut palette = Palette::default();
+    let mut prototypes = Prototypes::new(population.len(), &patches);
+    let mut reports = Vec::new();
+    for ((name, plants), count) in standing.iter().zip(counts) {
+        stop_if_asked(progress)?;
+        let Some(kind) = species.get(name) else { continue };
+        let table = feature_table(config, &kind.size, plants)?;
+        let (book, order) = cluster_in_order(&table, count, config.mode);
+        let first_id = palette.representatives.len() as u32 + 1;
+        let (chosen, number) = representatives(name, plants, &table, &book, &order, first_id);
+        for (plant, label) in plants.iter().zip(&book.labels) {
+            let representative = &chosen[number[*label as usize]];
+            let height = plant.traits.height.max(LEAST_HEIGHT);
+            prototypes.set(plant.place, representative.id, height / representative.height);
+        }
+        reports.push(SpeciesReport::of(name, plants, &table, &book, &chosen, &number));
+        palette.representatives.extend(chosen);
+        progress.advance(plants.len() as u64);
+    }
+    add_groups(&mut palette, &mut prototypes, &patches);
+    let instances = instances(population, &patches, &prototypes, &palette);
+    let report = Report::of(reports, &palette, population.len(), &patches);
+    Ok(Quantized { palette, instances, report })
+}
+
+fn stop_if_asked(progress: &dyn Progress) -> Result<(), Error> {
+    if progress.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
+}
+
+/// The population's plants by species, checked.
+fn standing_in_scene(
+    population: &Population,
+    species: &BTreeMap<String, Species>,
+) -> Result<BTreeMap<String, Vec<Standing>>, Problem> {
+    let mut by_index: Vec<Vec<Standing>> = vec![Vec::new(); population.species.len()];
+    for (index, plant) in population.plants.iter().enumerate() {
+        check_plant(plant)?;
+        let Some(plants) = by_index.get_mut(usize::from(plant.species)) else {
+            return Err(Problem::new(format!(
+                "plant {} has species number {}, but the population names {}",
+                plant.id,
+                plant.species,
+                population.species.len()
+            )));
+        };
+        let place = Place::Scene { index, id: plant.id };
+        plants.push(Standing { place, traits: Traits::of_plant(plant), seen: 1.0 });
+    }
+    let mut standing = BTreeMap::new();
+    for (name, plants) in population.species.iter().zip(by_index) {
+        if !plants.is_empty() && !species.contains_key(name) {
+            return Err(unknown_species(name, plants.len(), species));
+        }
+        // A name may stand twice in a foreign table.
+        standing.entry(name.clone()).or_insert_with(Vec::new).extend(plants);
+    }
+    Ok(standing)
+}
+
+fn unknown_species(name: &str, plants: usize, species: &BTreeMap<String, Species>) -> Problem {
+    let problem =
+        Problem::new(format!("the population holds {plants} plants of unknown species `{name}`"));
+    match nearest(name, species.keys().map(String::as_str)) {
+        Some(near) => problem.hint(format!("did you mean `{near}`?")),
+        None => problem.hint(format!("add a species file `{name}.toml`")),
+    }
+}
+
+/// Refuses numbers that no plant can have, naming the plant.
+fn check_plant(plant: &Plant) -> Result<(), Problem> {
+    let lengths = [("age", plant.age), ("height", plant.height), ("radius", plant.radius)];
+    let angles = [("yaw", plant.yaw), ("lean", plant.lean), ("lean_azimuth", plant.lean_azimuth)];
+    let wrong = |name: &str, value: f64, right: &str| {
+        Problem::new(format!("plant {}: `{name}` is {value}", plant.id)).hint(right)
+    };
+    for (name, value) in lengths {
+        if !(value.is_finite() && value >= 0.0) {
+            return Err(wrong(name, value.into(), "a finite number of at least 0 is right"));
+        }
+    }
+    if !(0.0..=1.0).contains(&plant.vigor) {
+        return Err(wrong("vigor", plant.vigor.into(), "a number from 0 to 1 is right"));
+    }
+    let places = [("x", plant.x), ("y", plant.y), ("z", plant.z.into())];
+    let finite = places.into_iter().chain(angles.map(|(name, value)| (name, f64::from(value))));
+    for (name, value) in finite {
+        if !value.is_finite() {
+            return Err(wrong(name, value, "a finite number is right"));
+        }
+    }
+    Ok(())
+}
+
+/// Clusters of each species, in the order of `standing`.
+fn representative_counts(
+    config: &Config,
+    standing: &BTreeMap<String, Vec<Standing>>,
+    species: &BTreeMap<String, Species>,
+    progress: &dyn Progress,
+) -> Result<Vec<usize>, Error> {
+    let Some(budget) = config.budget.map(|budget| budget as usize) else {
+        return Ok(vec![config.representatives.max(1) as usize; standing.len()]);
+    };
+    if budget < standing.len() {
+        let message = format!(
+            "`quantize.budget` is {budget}, but {} species grow in the scene",
+            standing.len()
+        );
+        let problem = Problem::new(message);
+        return Err(problem.hint(format!("{} or more is right", standing.len())).into());
+    }
+    let most = budget - standing.len() + 1;
+    let mut all_gains = Vec::new();
+    for (name, plants) in standing {
+        stop_if_asked(progress)?;
+        if let Some(kind) = species.get(name) {
+            all_gains.push(gains(&feature_table(config, &kind.size, plants)?, most));
+        }
+    }
+    let gains: Vec<&[f64]> = all_gains.iter().map(Vec::as_slice).collect();
+    Ok(budget::share(&gains, budget))
+}
+
+fn feature_table(config: &Config, size: &Size, plants: &[Standing]) -> Result<Table, Problem> {
+    let features: Vec<[f64; COUNT]> =
+        plants.par_iter().map(|plant| plant.traits.features(size)).collect();
+    let weight = |plant: &Standing| plant.traits.weight(config.weights) * plant.seen;
+    Table::new(features.into_flattened(), COUNT, plants.iter().map(weight).collect())
+        .map_err(|error| Problem::new(error.to_string()))
+}
+
+/// The representatives of a species by rising age, vigor and height, and for each cluster the
+/// number of its representative in that list.
+///
+/// A representative has the weighted mean age, vigor, height and radius of its plants: unlike the
+/// centre taken back through the curve of growth, which is flat at old age, it always lies among
+/// them.
+fn representatives(
+    name: &str,
+    plants: &[Standing],
+    table: &Table,
+    book: &Codebook,
+    order: &[u32],
+    first_id: u32,
+) -> (Vec<Representative>, Vec<usize>) {
+    let mut means = vec![Mean::default(); book.len()];
+    for index in order.iter().map(|index| *index as usize) {
+        let mean = &mut means[book.labels[index] as usize];
+        mean.add(&plants[index].traits, table.weights()[index]);
+    }
+    let mut sorted: Vec<(usize, Representative)> =
+        means.iter().map(|mean| mean.representative(name)).enumerate().collect();
+    sorted.sort_by(|(a, left), (b, right)| {
+        let age = left.age.total_cmp(&right.age);
+        age.then(left.vigor.total_cmp(&right.vigor))
+            .then(left.height.total_cmp(&right.height))
+            .then(a.cmp(b))
+    });
+    let mut number = vec![0; book.len()];
+    for (place, (label, representative)) in sorted.iter_mut().enumerate() {
+        number[*label] = place;
+        representative.id = first_id + place as u32;
+    }
+    (sorted.into_iter().map(|(_, representative)| representative).collect(), number)
+}
+
+/// Sums over the plants of a cluster.
+#[derive(Clone, Default)]
+struct Mean {
+    weighted: [f64; 4],
+    weight: f64,
+    plain: [f64; 4],
+    count: u64,
+}
+
+impl Mean {
+    fn add(&mut self, traits: &Traits, weight: f64) {
+        let values = [traits.age, traits.vigor, traits.height, traits.radius].map(f64::from);
+        for (index, value) in values.into_iter().enumerate() {
+            self.weighted[index] += weight * value;
+            self.plain[index] += value;
+        }
+        self.weight += weight;
+        self.count += 1;
+    }
+
+    fn representative(&self, species: &str) -> Representative {
+        let (sums, total) = match self.weight {
+            weight if weight > 0.0 => (self.weighted, weight),
+            _ => (self.plain, self.count as f64),
+        };
+        let [age, vigor, height, radius] = sums.map(|sum| (sum / total) as f32);
+        Representative {
+            id: 0,
+            species: species.to_owned(),
+            age,
+            vigor: vigor.clamp(0.0, 1.0),
+            height: height.max(LEAST_HEIGHT),
+            radius,
+            weight: self.weight,
+            count: self.count,
+        }
+    }
+}
+
+/// What stands at each place: an id, and the scale of its instance.
+struct Prototypes {
+    scene: Vec<(u32, f32)>,
+    patches: Vec<Vec<(u32, f32)>>,
+}
+
+impl Prototypes {
+    fn new(plants: usize, patches: &Patches) -> Self {
+        let members = patches.patches.iter().map(|patch| vec![(0, 1.0); patch.members.len()]);
+        Self { scene: vec![(0, 1.0); plants], patches: members.collect() }
+    }
+
+    fn set(&mut self, place: Place, id: u32, scale: f32) {
+        match place {
+            Place::Scene { index, .. } => self.scene[index] = (id, scale),
+            Place::Patch { patch, ordinal } => self.patches[patch][ordinal] = (id, scale),
+        }
+    }
+}
+
+/// Numbers groups after the representatives and enters them where they stand.
+fn add_groups(palette: &mut Palette, prototypes: &mut Prototypes, patches: &Patches) {
+    let first_id = palette.representatives.len() as u32 + 1;
+    palette.groups = (first_id..)
+        .zip(&patches.patches)
+        .map(|(id, patch)| Group {
+            id,
+            species: patch.species.clone(),
+            age: patch.age,
+            vigor: patch.vigor,
+            count: patch.rows,
+        })
+        .collect();
+    for (place, patch) in &patches.placed {
+        prototypes.set(*place, palette.groups[*patch].id, 1.0);
+    }
+}
+
+/// Rows of the scene in the order of its plants, then those of each group.
+fn instances(
+    population: &Population,
+    patches: &Patches,
+    prototypes: &Prototypes,
+    palette: &Palette,
+) -> Instances {
+    let mut instances = Instances { crs: population.crs.clone(), ..Instances::default() };
+    for (plant, (prototype, scale)) in population.plants.iter().zip(&prototypes.scene) {
+        instances.push(Instance {
+            group: 0,
+            prototype: *prototype,
+            plant_id: plant.id,
+            position: [plant.x, plant.y, plant.z.into()],
+            rotation: rotation(plant.yaw.into(), plant.lean.into(), plant.lean_azimuth.into()),
+            scale: *scale,
+        });
+    }
+    for ((group, patch), chosen) in
+        palette.groups.iter().zip(&patches.patches).zip(&prototypes.patches)
+    {
+        for (ordinal, (member, (prototype, scale))) in patch.members.iter().zip(chosen).enumerate()
+        {
+            let [x, y] = member.position;
+            instances.push(Instance {
+                group: group.id,
+                prototype: *prototype,
+                plant_id: ordinal as u64,
+                position: [x, y, 0.0],
+                rotation: rotation(member.yaw, 0.0, 0.0),
+                scale: *scale,
+            });
+        }
+    }
+    instances
+}
+
+/// `world_from_plant`: a turn by `yaw` about the plant's own axis, then a lean of that axis from
+/// the vertical towards `azimuth`.
+fn rotation(yaw: f64, lean: f64, azimuth: f64) -> [f32; 4] {
+    let (sin_yaw, cos_yaw) = libm::sincos(yaw / 2.0);
+    let (sin_lean, cos_lean) = libm::sincos(lean / 2.0);
+    let (sin_azimuth, cos_azimuth) = libm::sincos(azimuth);
+    // Towards (sin, cos) of the azimuth the vertical turns about the horizontal axis (-cos, sin).
+    let lean = DQuat::from_xyzw(-cos_azimuth * sin_lean, sin_azimuth * sin_lean, 0.0, cos_lean);
+    let yaw = DQuat::from_xyzw(0.0, 0.0, sin_yaw, cos_yaw);
+    let turned: Quat = (lean * yaw).as_quat();
+    turned.to_array()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::Vec3;
+    use std::f64::consts::{FRAC_PI_2, FRAC_PI_6};
+
+    fn turned(rotation: [f32; 4], v: Vec3) -> Vec3 {
+        Quat::from_array(rotation) * v
+    }
+
+    #[test]
+    fn a_plant_leans_towards_its_azimuth() {
+        let east = rotation(1.0, FRAC_PI_6, FRAC_PI_2);
+        assert!(turned(east, Vec3::Z).abs_diff_eq(Vec3::new(0.5, 0.0, 0.75f32.sqrt()), 1e-6));
+        let north = rotation(1.0, FRAC_PI_6, 0.0);
+        assert!(turned(north, Vec3::Z).abs_diff_eq(Vec3::new(0.0, 0.5, 0.75f32.sqrt()), 1e-6));
+    }
+
+    #[test]
+    fn yaw_turns_an_upright_plant_counter_clockwise() {
+        let quarter = rotation(FRAC_PI_2, 0.0, 0.3);
+        assert!(turned(quarter, Vec3::X).abs_diff_eq(Vec3::Y, 1e-6));
+    }
+}

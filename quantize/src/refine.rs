@@ -1,0 +1,320 @@
+//! Improving a partition: Lloyd's steps, and swaps that merge two clusters and split a third.
+//!
+//! A step gives every sample to the nearest centre and moves every centre to the mean of its
+//! samples; neither can raise the distortion [Lloyd82]. Steps end in a local optimum, which
+//! swaps leave: where two clusters cost little to merge and a third gains more by a cut, their
+//! exchange lowers the distortion before the next steps begin.
+
+use crate::samples::{CHUNK, Samples};
+use crate::split::best_gain;
+use rayon::prelude::*;
+
+/// Clusters of samples.
+#[derive(Clone)]
+pub(crate) struct Partition {
+    /// Cluster of each sample.
+    pub labels: Vec<u32>,
+    /// Number of clusters; some may be empty.
+    pub k: usize,
+}
+
+/// Sums over the samples of each cluster.
+struct Sums {
+    dims: usize,
+    /// For each cluster the weighted sums of its numbers, then its weight.
+    sums: Vec<f64>,
+    /// Weighted sum of squared distances to the centres that gave the labels.
+    distortion: f64,
+}
+
+impl Sums {
+    fn new(dims: usize, k: usize) -> Self {
+        Self { dims, sums: vec![0.0; k * (dims + 1)], distortion: 0.0 }
+    }
+
+    fn add(&mut self, label: u32, row: &[f32], weight: f32) {
+        let weight = f64::from(weight);
+        let sums = &mut self.sums[label as usize * (self.dims + 1)..][..=self.dims];
+        for (sum, value) in sums.iter_mut().zip(row) {
+            *sum += weight * f64::from(*value);
+        }
+        sums[self.dims] += weight;
+    }
+
+    /// Adds partial sums in the order of their chunks, which no thread count changes.
+    fn total(dims: usize, k: usize, parts: Vec<Sums>) -> Self {
+        let mut total = Self::new(dims, k);
+        for part in parts {
+            total.sums.iter_mut().zip(&part.sums).for_each(|(sum, more)| *sum += more);
+            total.distortion += part.distortion;
+        }
+        total
+    }
+
+    fn weight(&self, label: usize) -> f64 {
+        self.sums[label * (self.dims + 1) + self.dims]
+    }
+
+    /// Moves centres to the means of their samples; those without weight stay.
+    fn move_centres(&self, centres: &mut [f32]) {
+        for (label, centre) in centres.chunks_exact_mut(self.dims).enumerate() {
+            let weight = self.weight(label);
+            if weight > 0.0 {
+                let sums = &self.sums[label * (self.dims + 1)..];
+                centre.iter_mut().zip(sums).for_each(|(c, sum)| *c = (sum / weight) as f32);
+            }
+        }
+    }
+}
+
+/// Takes at most `steps` of Lloyd's steps, fewer when one no longer helps.
+pub(crate) fn lloyd(samples: &Samples, start: Partition, steps: usize) -> Partition {
+    if samples.dims == 0 || samples.len() == 0 {
+        return start;
+    }
+    descend(samples, start, steps).partition
+}
+
+/// A partition with its centres and distortion.
+#[derive(Clone)]
+struct State {
+    partition: Partition,
+    centres: Vec<f32>,
+    distortion: f64,
+}
+
+fn descend(samples: &Samples, start: Partition, steps: usize) -> State {
+    let mut centres = means(samples, &start);
+    let (first, mut sums) = assign(samples, &centres, start.k);
+    let mut state = State {
+        partition: Partition { labels: first, k: start.k },
+        centres: centres.clone(),
+        distortion: sums.distortion,
+    };
+    for _ in 0..steps {
+        sums.move_centres(&mut centres);
+        let (labels, next) = assign(samples, &centres, start.k);
+        if next.distortion >= state.distortion {
+            break;
+        }
+        state.partition.labels = labels;
+        state.centres.copy_from_slice(&centres);
+        state.distortion = next.distortion;
+        sums = next;
+    }
+    state
+}
+
+/// Means of clusters; those without weight get the plain mean of their samples.
+fn means(samples: &Samples, partition: &Partition) -> Vec<f32> {
+    let (dims, k) = (samples.dims, partition.k);
+    let sum = |weigh: &(dyn Fn(usize) -> f32 + Sync)| {
+        let chunks = partition.labels.par_chunks(CHUNK).enumerate().map(|(chunk, labels)| {
+            let mut sums = Sums::new(dims, k);
+            for (offset, label) in labels.iter().enumerate() {
+                let sample = chunk * CHUNK + offset;
+                sums.add(*label, samples.row(sample), weigh(sample));
+            }
+            sums
+        });
+        Sums::total(dims, k, chunks.collect())
+    };
+    let mut centres = vec![0.0; k * dims];
+    let weighted = sum(&|sample| samples.weights[sample]);
+    if (0..k).any(|label| weighted.weight(label) == 0.0) {
+        sum(&|_| 1.0).move_centres(&mut centres);
+    }
+    weighted.move_centres(&mut centres);
+    centres
+}
+
+/// Centres side by side in blocks of this many, so that one instruction compares several.
+const LANES: usize = 8;
+
+/// Gives every sample to its nearest centre; the lower of two equally near ones.
+fn assign(samples: &Samples, centres: &[f32], k: usize) -> (Vec<u32>, Sums) {
+    let dims = samples.dims;
+    let blocks = interleave(centres, dims);
+    let mut labels = vec![0; samples.len()];
+    let chunks = labels.par_chunks_mut(CHUNK).enumerate().map(|(chunk, labels)| {
+        let mut sums = Sums::new(dims, k);
+        for (offset, label) in labels.iter_mut().enumerate() {
+            let sample = chunk * CHUNK + offset;
+            let (row, weight) = (samples.row(sample), samples.weights[sample]);
+            let near = nearest(row, &blocks);
+            *label = near.label;
+            sums.add(near.label, row, weight);
+            sums.distortion += f64::from(weight) * f64::from(near.distance);
+        }
+        sums
+    });
+    let parts = chunks.collect();
+    (labels, Sums::total(dims, k, parts))
+}
+
+/// Lays centres out as blocks of [`LANES`]: first numbers together, then second ones, ….
+///
+/// The last block is filled up with centres that are infinitely far.
+fn interleave(centres: &[f32], dims: usize) -> Vec<f32> {
+    let mut blocks = Vec::with_capacity(centres.len() + LANES * dims);
+    for block in centres.chunks(LANES * dims) {
+        for dim in 0..dims {
+            let lane = |lane: usize| block.get(lane * dims + dim).copied();
+            blocks.extend((0..LANES).map(|l| lane(l).unwrap_or(f32::INFINITY)));
+        }
+    }
+    blocks
+}
+
+struct Nearest {
+    label: u32,
+    /// Squared distance.
+    distance: f32,
+}
+
+fn nearest(row: &[f32], blocks: &[f32]) -> Nearest {
+    match row.len() {
+        1 => nearest_of(row.first_chunk::<1>().unwrap_or(&[0.0]), blocks),
+        2 => nearest_of(row.first_chunk::<2>().unwrap_or(&[0.0; 2]), blocks),
+        3 => nearest_of(row.first_chunk::<3>().unwrap_or(&[0.0; 3]), blocks),
+        4 => nearest_of(row.first_chunk::<4>().unwrap_or(&[0.0; 4]), blocks),
+        _ => nearest_of(row, blocks),
+    }
+}
+
+/// The loop of [`nearest`], compiled for each common number of axes.
+#[inline(always)]
+fn nearest_of<R: AsRef<[f32]> + ?Sized>(row: &R, blocks: &[f32]) -> Nearest {
+    let row = row.as_ref();
+    let (mut best, mut which) = ([f32::INFINITY; LANES], [0u32; LANES]);
+    for (number, block) in blocks.chunks_exact(row.len() * LANES).enumerate() {
+        let mut distance = [0f32; LANES];
+        for (value, lanes) in row.iter().zip(block.chunks_exact(LANES)) {
+            for lane in 0..LANES {
+                let apart = value - lanes[lane];
+                distance[lane] += apart * apart;
+            }
+        }
+        for lane in 0..LANES {
+            let is_nearer = distance[lane] < best[lane];
+            best[lane] = if is_nearer { distance[lane] } else { best[lane] };
+            which[lane] = if is_nearer { number as u32 } else { which[lane] };
+        }
+    }
+    let label = |lane: usize| which[lane] * LANES as u32 + lane as u32;
+    let nearer = |a: usize, b: usize| match (best[a], label(a)) <= (best[b], label(b)) {
+        true => a,
+        false => b,
+    };
+    let lane = (1..LANES).fold(0, nearer);
+    Nearest { label: label(lane), distance: best[lane] }
+}
+
+/// Rounds of swaps, and Lloyd's steps in each: as many as still pay at 1,024 clusters.
+const ROUNDS: usize = 12;
+const STEPS_PER_ROUND: usize = 8;
+/// Steps before the first and after the last round; most partitions settle sooner.
+const STEPS_TO_SETTLE: usize = 60;
+
+/// Searches on from a partition by rounds of swaps, keeping only what lowers the distortion.
+pub(crate) fn search(samples: &Samples, start: Partition) -> Partition {
+    if samples.dims == 0 || samples.len() == 0 {
+        return start;
+    }
+    let mut state = descend(samples, start, STEPS_TO_SETTLE);
+    // A round may swap up to a quarter of the clusters at once; when that fails, fewer.
+    let mut most = state.partition.k.div_ceil(4);
+    for _ in 0..ROUNDS {
+        let Some(swapped) = swap(samples, &state, most) else { break };
+        let next = descend(samples, swapped, STEPS_PER_ROUND);
+        if next.distortion < state.distortion {
+            state = next;
+        } else if most > 1 {
+            most = most.div_ceil(4);
+        } else {
+            break;
+        }
+    }
+    descend(samples, state.partition, STEPS_TO_SETTLE).partition
+}
+
+/// Merges cheap pairs and cuts costly clusters, at most `most` at once, each cluster in one role.
+///
+/// `None` when no swap promises to gain.
+fn swap(samples: &Samples, state: &State, most: usize) -> Option<Partition> {
+    let k = state.partition.k;
+    let members = members(&state.partition);
+    let cuts: Vec<Option<(usize, f32, f64)>> =
+        members.par_iter().map(|members| best_gain(samples, members)).collect();
+    let mut by_gain: Vec<usize> = (0..k).filter(|label| cuts[*label].is_some()).collect();
+    let gain = |label: usize| cuts[label].map_or(0.0, |(_, _, gain)| gain);
+    by_gain.sort_by(|a, b| gain(*b).total_cmp(&gain(*a)).then(a.cmp(b)));
+    let merges = cheapest_merges(samples, state);
+
+    let mut is_used = vec![false; k];
+    let mut labels = state.partition.labels.clone();
+    let mut count = 0;
+    let mut costly = by_gain.into_iter();
+    for Merge { cost, from, into } in merges {
+        if count == most || is_used[from] || is_used[into] {
+            continue;
+        }
+        let free = |label: &usize| !is_used[*label] && *label != from && *label != into;
+        let Some(cut_label) = costly.find(free) else { break };
+        let Some((dim, value, gain)) = cuts[cut_label] else { break };
+        if gain <= cost {
+            break;
+        }
+        members[from].iter().for_each(|sample| labels[*sample as usize] = into as u32);
+        for sample in &members[cut_label] {
+            if samples.row(*sample as usize)[dim] > value {
+                labels[*sample as usize] = from as u32;
+            }
+        }
+        for label in [from, into, cut_label] {
+            is_used[label] = true;
+        }
+        count += 1;
+    }
+    (count > 0).then_some(Partition { labels, k })
+}
+
+/// Samples of each cluster.
+fn members(partition: &Partition) -> Vec<Vec<u32>> {
+    let mut members = vec![Vec::new(); partition.k];
+    for (sample, label) in partition.labels.iter().enumerate() {
+        members[*label as usize].push(sample as u32);
+    }
+    members
+}
+
+/// What it costs to give the samples of one cluster to another.
+struct Merge {
+    cost: f64,
+    from: usize,
+    into: usize,
+}
+
+/// For each cluster its cheapest merge, cheapest first: `w0 w1 / (w0 + w1) |c0 - c1|²` [Ward63].
+fn cheapest_merges(samples: &Samples, state: &State) -> Vec<Merge> {
+    let (dims, k) = (samples.dims, state.partition.k);
+    let mut weights = vec![0.0; k];
+    for (label, weight) in state.partition.labels.iter().zip(&samples.weights) {
+        weights[*label as usize] += f64::from(*weight);
+    }
+    let centre = |label: usize| &state.centres[label * dims..][..dims];
+    let cost = |a: usize, b: usize| {
+        let total = weights[a] + weights[b];
+        let apart = centre(a).iter().zip(centre(b)).map(|(a, b)| f64::from(a - b).powi(2));
+        if total > 0.0 { weights[a] * weights[b] / total * apart.sum::<f64>() } else { 0.0 }
+    };
+    let cheapest = |from: usize| {
+        let merges = (0..k).filter(|into| *into != from);
+        merges
+            .map(|into| Merge { cost: cost(from, into), from, into })
+            .min_by(|a, b| a.cost.total_cmp(&b.cost))
+    };
+    let mut merges: Vec<Merge> = (0..k).into_par_iter().filter_map(cheapest).collect();
+    merges.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(a.from.cmp(&b.from)));
+    merges
+}

@@ -80,7 +80,7 @@ fn unknown_members(species: &BTreeMap<String, Species>) -> Problems {
 fn outermost_first(species: &BTreeMap<String, Species>) -> Result<Vec<&str>, Problem> {
     let mut search = Search { species, is_done: BTreeMap::new(), finished: Vec::new() };
     for (name, kind) in species {
-        if kind.group.is_some() {
+        if kind.group.is_some() && !search.is_done.contains_key(name.as_str()) {
             search.visit(name)?;
         }
     }
@@ -143,11 +143,12 @@ pub(crate) fn fill(
         let (Some(recipe), Some(places)) = (group, standing.remove(name)) else { continue };
         let first = patches.patches.len();
         patches.choose(config, name, recipe, &places, seed)?;
+        let new = &patches.patches[first..];
+        member_count += new.iter().map(|patch| expected_members(recipe, patch.vigor)).sum::<f64>();
+        if member_count > MOST_MEMBERS {
+            return Err(too_many(name).into());
+        }
         for patch in first..patches.patches.len() {
-            member_count += expected_members(recipe, patches.patches[patch].vigor);
-            if member_count > MOST_MEMBERS {
-                return Err(too_many(name).into());
-            }
             let stream_seed = seed.part(name, (patch - first) as u64);
             patches.draw(patch, recipe, species, standing, stream_seed);
         }
@@ -295,6 +296,22 @@ fn positions(count: usize, side: f64, random: &mut Stream) -> Vec<[f64; 2]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_group_comes_before_the_groups_that_it_contains_once() {
+        let size = "[size]\nheight = 1\ncrown_radius = 1\n[group]\nside = 1\n";
+        let group = |members: &[&str]| {
+            let member =
+                |name: &&str| format!("[[group.member]]\nspecies = '{name}'\nper_m2 = 1\n");
+            let text = size.to_string() + &members.iter().map(member).collect::<String>();
+            let value = weald_contract::Value::parse(0, &text).unwrap();
+            Species::read(&value, &mut Vec::new()).unwrap()
+        };
+        // Deeper names stand both before and after the groups that hold them.
+        let pairs = [("b", group(&["z", "a"])), ("z", group(&["a"])), ("a", group(&["tuft"]))];
+        let species = pairs.map(|(name, kind)| (name.to_string(), kind)).into_iter().collect();
+        assert_eq!(outermost_first(&species).unwrap(), ["b", "z", "a"]);
+    }
 
     #[test]
     fn every_number_of_places_fits_inside_the_square_one_a_cell() {

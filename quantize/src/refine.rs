@@ -210,8 +210,12 @@ fn nearest_of<R: AsRef<[f32]> + ?Sized>(row: &R, blocks: &[f32]) -> Nearest {
     Nearest { label: label(lane), distance: best[lane] }
 }
 
-/// Rounds of swaps, and Lloyd's steps in each: as many as still pay at 1,024 clusters.
+/// Rounds of swaps at many clusters, where one round swaps several and more no longer pay.
 const ROUNDS: usize = 12;
+/// Rounds below [`FEW`] clusters: there a single swap matters, and many can be tried.
+const ROUNDS_OF_FEW: usize = 48;
+const FEW: usize = 64;
+/// Lloyd's steps in each round.
 const STEPS_PER_ROUND: usize = 8;
 /// Steps before the first and after the last round; most partitions settle sooner.
 const STEPS_TO_SETTLE: usize = 60;
@@ -222,17 +226,18 @@ pub(crate) fn search(samples: &Samples, start: Partition) -> Partition {
         return start;
     }
     let mut state = descend(samples, start, STEPS_TO_SETTLE);
-    // A round may swap up to a quarter of the clusters at once; when that fails, fewer.
-    let mut most = state.partition.k.div_ceil(4);
-    for _ in 0..ROUNDS {
-        let Some(swapped) = swap(samples, &state, most) else { break };
-        let next = descend(samples, swapped, STEPS_PER_ROUND);
-        if next.distortion < state.distortion {
-            state = next;
-        } else if most > 1 {
-            most = most.div_ceil(4);
-        } else {
-            break;
+    let k = state.partition.k;
+    // A round may swap up to a quarter of the clusters at once; when that fails, fewer, and when
+    // a single one fails, the next best.
+    let (mut most, mut passed_over) = (k.div_ceil(4), 0);
+    for _ in 0..if k < FEW { ROUNDS_OF_FEW } else { ROUNDS } {
+        let swapped = swap(samples, &state, most, passed_over);
+        let next = swapped.map(|swapped| descend(samples, swapped, STEPS_PER_ROUND));
+        match next {
+            Some(next) if next.distortion < state.distortion => (state, passed_over) = (next, 0),
+            _ if most > 1 => most = most.div_ceil(4),
+            Some(_) => passed_over += 1,
+            None => break,
         }
     }
     descend(samples, state.partition, STEPS_TO_SETTLE).partition
@@ -240,8 +245,8 @@ pub(crate) fn search(samples: &Samples, start: Partition) -> Partition {
 
 /// Merges cheap pairs and cuts costly clusters, at most `most` at once, each cluster in one role.
 ///
-/// `None` when no swap promises to gain.
-fn swap(samples: &Samples, state: &State, most: usize) -> Option<Partition> {
+/// The cheapest `passed_over` merges are left out. `None` when there is nothing left to swap.
+fn swap(samples: &Samples, state: &State, most: usize, passed_over: usize) -> Option<Partition> {
     let k = state.partition.k;
     let members = members(&state.partition);
     let cuts: Vec<Option<(usize, f32, f64)>> =
@@ -255,14 +260,16 @@ fn swap(samples: &Samples, state: &State, most: usize) -> Option<Partition> {
     let mut labels = state.partition.labels.clone();
     let mut count = 0;
     let mut costly = by_gain.into_iter();
-    for Merge { cost, from, into } in merges {
+    for Merge { cost, from, into } in merges.into_iter().skip(passed_over) {
         if count == most || is_used[from] || is_used[into] {
             continue;
         }
         let free = |label: &usize| !is_used[*label] && *label != from && *label != into;
         let Some(cut_label) = costly.find(free) else { break };
         let Some((dim, value, gain)) = cuts[cut_label] else { break };
-        if gain <= cost {
+        // A single swap is tried even where its first effect is a loss: the steps that follow
+        // may turn it. Several at once would only add up.
+        if gain <= cost && most > 1 {
             break;
         }
         members[from].iter().for_each(|sample| labels[*sample as usize] = into as u32);
@@ -315,6 +322,9 @@ fn cheapest_merges(samples: &Samples, state: &State) -> Vec<Merge> {
             .min_by(|a, b| a.cost.total_cmp(&b.cost))
     };
     let mut merges: Vec<Merge> = (0..k).into_par_iter().filter_map(cheapest).collect();
-    merges.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(a.from.cmp(&b.from)));
+    let pair = |merge: &Merge| [merge.from.min(merge.into), merge.from.max(merge.into)];
+    merges.sort_by(|a, b| a.cost.total_cmp(&b.cost).then_with(|| pair(a).cmp(&pair(b))));
+    // Two clusters that are each other's cheapest are one merge.
+    merges.dedup_by_key(|merge| pair(merge));
     merges
 }

@@ -10,9 +10,11 @@
 //! Radiance is linear Rec. 709; its luminance is in kcd/m². Everything is deterministic: the
 //! same parts and seed give the same bits for any number of threads.
 
+mod accel;
 mod config;
 mod film;
 mod path;
+mod primitive;
 mod scene;
 mod tone;
 

@@ -1,0 +1,583 @@
+//! Walking a ray through nested levels.
+
+use super::Bounds;
+use super::lanes::{LEAF, Lanes, LocalRay, Portable};
+use super::level::{Block, Content, Instance, Level};
+use crate::primitive::Face;
+use glam::Vec3;
+
+/// Placements between the scene and a triangle.
+pub(crate) const MAX_DEPTH: usize = 8;
+
+/// A ray; points on it are `origin + t * direction`.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Ray {
+    pub origin: Vec3,
+    pub direction: Vec3,
+}
+
+/// What a ray met.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Hit {
+    /// Ray parameter.
+    pub t: f32,
+    /// Barycentric weights of the second and third corner.
+    pub u: f32,
+    pub v: f32,
+    /// Level of the mesh.
+    level: u32,
+    /// Block and lane: `8 * block + lane`.
+    triangle: u32,
+    /// Placements from the scene down to the mesh, as leaf numbers.
+    path: [u32; MAX_DEPTH],
+    depth: u32,
+}
+
+impl Hit {
+    /// Nothing met yet, looking no farther than `limit`.
+    pub fn none(limit: f32) -> Self {
+        Self { t: limit, u: 0.0, v: 0.0, level: NONE, triangle: 0, path: [0; MAX_DEPTH], depth: 0 }
+    }
+
+    /// Whether something was met.
+    pub fn is_some(&self) -> bool {
+        self.level != NONE
+    }
+}
+
+const NONE: u32 = u32::MAX;
+
+/// What is known of the place that a ray met.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Place {
+    /// Unit normal of the triangle, to the side from which its corners run counter-clockwise.
+    pub geometric: Vec3,
+    /// Unit normal interpolated between the corners.
+    pub shading: Vec3,
+    /// Index into the scene's materials.
+    pub material: u32,
+    /// Species number, 0 for none.
+    pub species: u32,
+    /// Plant of the outermost placement, 0 for none.
+    pub plant: u64,
+}
+
+/// Memory of a walk, kept between rays so that none of them allocates.
+#[derive(Debug, Default)]
+pub(crate) struct Scratch {
+    stack: Vec<Entry>,
+    /// Rays walked with this memory.
+    pub rays: u64,
+}
+
+/// A subtree that is still to be walked.
+#[derive(Clone, Copy, Debug)]
+struct Entry {
+    link: u32,
+    /// Where the ray enters its box.
+    t: f32,
+}
+
+/// All levels of a scene; each refers only to those before it.
+pub(crate) struct Levels {
+    list: Vec<Level>,
+    has_avx2: bool,
+}
+
+impl Levels {
+    /// Levels in an order in which each comes after those it places.
+    ///
+    /// # Panics
+    /// When a level places itself or a later one, or nests deeper than [`MAX_DEPTH`].
+    pub fn new(list: Vec<Level>) -> Self {
+        let mut depths = Vec::with_capacity(list.len());
+        for (number, level) in list.iter().enumerate() {
+            let depth = match &level.content {
+                Content::Mesh { .. } => 0,
+                Content::Group { instances, .. } => {
+                    let below = |instance: &Instance| {
+                        assert!((instance.level as usize) < number, "levels are out of order");
+                        depths[instance.level as usize] + 1
+                    };
+                    instances.iter().map(below).max().unwrap_or(0)
+                }
+            };
+            assert!(depth <= MAX_DEPTH, "levels nest too deep");
+            depths.push(depth);
+        }
+        #[cfg(target_arch = "x86_64")]
+        let has_avx2 = std::arch::is_x86_feature_detected!("avx2");
+        #[cfg(not(target_arch = "x86_64"))]
+        let has_avx2 = false;
+        Self { list, has_avx2 }
+    }
+
+    /// The levels.
+    pub fn list(&self) -> &[Level] {
+        &self.list
+    }
+
+    /// The same levels, walked by plain loops.
+    #[cfg(test)]
+    pub fn portable(mut self) -> Self {
+        self.has_avx2 = false;
+        self
+    }
+
+    /// The smallest box around a level.
+    pub fn bounds(&self, level: u32) -> Bounds {
+        self.list[level as usize].bounds()
+    }
+
+    /// The nearest thing that the ray meets in `level` before `limit`.
+    pub fn nearest(&self, level: u32, ray: &Ray, limit: f32, scratch: &mut Scratch) -> Hit {
+        let mut hit = Hit::none(limit);
+        self.start::<false>(level, ray, &mut hit, scratch);
+        hit
+    }
+
+    /// Whether the ray meets anything in `level` before `limit`.
+    pub fn is_blocked(&self, level: u32, ray: &Ray, limit: f32, scratch: &mut Scratch) -> bool {
+        self.start::<true>(level, ray, &mut Hit::none(limit), scratch)
+    }
+
+    fn start<const ANY: bool>(
+        &self,
+        level: u32,
+        ray: &Ray,
+        hit: &mut Hit,
+        scratch: &mut Scratch,
+    ) -> bool {
+        scratch.rays += 1;
+        scratch.stack.clear();
+        let ray = LocalRay::new(ray.origin, ray.direction);
+        let mut walk =
+            Walk { levels: &self.list, path: [0; MAX_DEPTH], hit, stack: &mut scratch.stack };
+        #[cfg(target_arch = "x86_64")]
+        if self.has_avx2 {
+            // SAFETY: `has_avx2` is only set when the processor says so.
+            return unsafe { avx2::descend::<ANY>(&mut walk, level, &ray, 0) };
+        }
+        // SAFETY: plain loops need no feature.
+        unsafe { walk_level::<Portable, ANY>(&mut walk, level, &ray, 0, portable::<ANY>) }
+    }
+
+    /// What lies where a ray met something.
+    pub fn place(&self, root: u32, hit: &Hit) -> Place {
+        let mut chain = [None; MAX_DEPTH];
+        let (mut level, mut plant) = (root, 0);
+        for depth in 0..hit.depth as usize {
+            let Content::Group { instances, plants } = &self.list[level as usize].content else {
+                break;
+            };
+            let index = hit.path[depth] as usize;
+            if depth == 0 {
+                plant = plants[index];
+            }
+            chain[depth] = Some(&instances[index]);
+            level = instances[index].level;
+        }
+        let mesh = &self.list[hit.level as usize];
+        let (face, edges) = mesh.triangle(hit.triangle);
+        let out = |normal: Vec3| {
+            let turn = |normal: Vec3, instance: &&Instance| instance.turn(normal);
+            let turned = chain.iter().flatten().rev().fold(normal, |n, i| turn(n, i));
+            turned.normalize_or(Vec3::Z)
+        };
+        Place {
+            geometric: out(edges.0.cross(edges.1).normalize_or(Vec3::Z)),
+            shading: out(face.normal(hit.u, hit.v)),
+            material: face.material,
+            species: mesh.species,
+            plant,
+        }
+    }
+}
+
+impl Level {
+    /// Face and edges of the triangle with this number.
+    fn triangle(&self, number: u32) -> (Face, (Vec3, Vec3)) {
+        let (block, lane) = (number as usize / 8, number as usize % 8);
+        match &self.content {
+            Content::Mesh { blocks, faces } => {
+                let block: &Block = &blocks[block];
+                (faces[block.face[lane] as usize], block.edges(lane))
+            }
+            Content::Group { .. } => (Face::default(), (Vec3::X, Vec3::Y)),
+        }
+    }
+}
+
+/// State of a walk.
+struct Walk<'a> {
+    levels: &'a [Level],
+    path: [u32; MAX_DEPTH],
+    hit: &'a mut Hit,
+    stack: &'a mut Vec<Entry>,
+}
+
+/// Walks a level that an instance leads to, compiled for the same processor features.
+type Descend = unsafe fn(&mut Walk<'_>, u32, &LocalRay, usize) -> bool;
+
+unsafe fn portable<const ANY: bool>(
+    walk: &mut Walk<'_>,
+    level: u32,
+    ray: &LocalRay,
+    depth: usize,
+) -> bool {
+    // SAFETY: plain loops need no feature.
+    unsafe { walk_level::<Portable, ANY>(walk, level, ray, depth, portable::<ANY>) }
+}
+
+#[cfg(target_arch = "x86_64")]
+mod avx2 {
+    use super::{LocalRay, Walk, walk_level};
+    use crate::accel::lanes::Avx2;
+
+    /// The walk compiled with AVX2.
+    ///
+    /// # Safety
+    /// The processor has AVX2.
+    #[target_feature(enable = "avx2")]
+    pub(super) unsafe fn descend<const ANY: bool>(
+        walk: &mut Walk<'_>,
+        level: u32,
+        ray: &LocalRay,
+        depth: usize,
+    ) -> bool {
+        // SAFETY: the caller promises AVX2.
+        unsafe { walk_level::<Avx2, ANY>(walk, level, ray, depth, descend::<ANY>) }
+    }
+}
+
+/// Walks one level; returns whether something was met when `ANY` is set.
+///
+/// # Safety
+/// The processor has the features that `L` needs.
+#[inline(always)]
+unsafe fn walk_level<L: Lanes, const ANY: bool>(
+    walk: &mut Walk<'_>,
+    number: u32,
+    ray: &LocalRay,
+    depth: usize,
+    descend: Descend,
+) -> bool {
+    let level = &walk.levels[number as usize];
+    if level.nodes.is_empty() {
+        return false;
+    }
+    // Entries of the levels above lie below this one and stay untouched.
+    let base = walk.stack.len();
+    let mut link = 0;
+    loop {
+        if link & LEAF == 0 {
+            // SAFETY: the caller vouches for the features.
+            let boxes = unsafe { L::boxes(&level.nodes[link as usize], ray, walk.hit.t) };
+            push::<ANY>(walk.stack, base, boxes.mask, &boxes.t, &level.nodes[link as usize].links);
+        } else {
+            let leaf = link & !LEAF;
+            let is_met = match &level.content {
+                Content::Mesh { blocks, .. } => {
+                    // SAFETY: the caller vouches for the features.
+                    let found = unsafe { L::triangles(&blocks[leaf as usize], ray, walk.hit.t) };
+                    record(walk, &found, number, leaf, depth)
+                }
+                Content::Group { instances, .. } => {
+                    let instance = &instances[leaf as usize];
+                    walk.path[depth] = leaf;
+                    let local = instance.enter(ray);
+                    // SAFETY: `descend` needs the same features as this walk.
+                    unsafe { descend(walk, instance.level, &local, depth + 1) }
+                }
+            };
+            if ANY && is_met {
+                return true;
+            }
+        }
+        // The next subtree that begins before the nearest hit so far.
+        link = loop {
+            if walk.stack.len() == base {
+                return false;
+            }
+            match walk.stack.pop() {
+                Some(entry) if entry.t < walk.hit.t => break entry.link,
+                Some(_) => {}
+                None => return false,
+            }
+        };
+    }
+}
+
+/// Pushes the children that were hit, the nearest last.
+#[inline(always)]
+fn push<const ANY: bool>(
+    stack: &mut Vec<Entry>,
+    base: usize,
+    mut mask: u32,
+    t: &[f32; 8],
+    links: &[u32; 8],
+) {
+    let first = stack.len().max(base);
+    while mask != 0 {
+        let lane = mask.trailing_zeros() as usize;
+        mask &= mask - 1;
+        let entry = Entry { link: links[lane], t: t[lane] };
+        stack.push(entry);
+        // Insertion sort: two or three children are hit on average. Any hit will do for a
+        // shadow, yet near ones are the likelier occluders.
+        let mut slot = stack.len() - 1;
+        while slot > first && stack[slot - 1].t < entry.t {
+            stack[slot] = stack[slot - 1];
+            slot -= 1;
+        }
+        stack[slot] = entry;
+    }
+}
+
+/// Keeps the nearest of the triangles that were met.
+#[inline(always)]
+fn record(
+    walk: &mut Walk<'_>,
+    found: &super::lanes::TriangleHits,
+    level: u32,
+    block: u32,
+    depth: usize,
+) -> bool {
+    let mut mask = found.mask;
+    while mask != 0 {
+        let lane = mask.trailing_zeros() as usize;
+        mask &= mask - 1;
+        if found.t[lane] < walk.hit.t {
+            *walk.hit = Hit {
+                t: found.t[lane],
+                u: found.u[lane],
+                v: found.v[lane],
+                level,
+                triangle: 8 * block + lane as u32,
+                path: walk.path,
+                depth: depth as u32,
+            };
+        }
+    }
+    found.mask != 0
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Triangle;
+    use super::*;
+    use glam::Quat;
+    use weald_contract::{Seed, seed::Stream};
+
+    fn point(chance: &mut Stream, reach: f64) -> Vec3 {
+        Vec3::from_array([0; 3].map(|_| chance.range(-reach, reach) as f32))
+    }
+
+    fn direction(chance: &mut Stream) -> Vec3 {
+        Vec3::from_array([0; 3].map(|_| chance.normal() as f32)).normalize()
+    }
+
+    fn triangles(chance: &mut Stream, count: usize, size: f64) -> Vec<Triangle> {
+        let one = |chance: &mut Stream| {
+            let a = point(chance, 1.0);
+            let corners = [a, a + point(chance, size), a + point(chance, size)];
+            Triangle { corners, face: Face::default() }
+        };
+        (0..count).map(|_| one(chance)).collect()
+    }
+
+    fn placements(chance: &mut Stream, count: usize, levels: u64) -> Vec<(Instance, u64)> {
+        let one = |plant: usize| {
+            let axis = direction(chance);
+            let turn = Quat::from_axis_angle(axis, chance.range(0.0, 6.0) as f32);
+            let instance = Instance {
+                rotation: turn.to_array(),
+                position: point(chance, 10.0).to_array(),
+                scale: chance.range(0.3, 2.0) as f32,
+                level: chance.below(levels) as u32,
+            };
+            (instance, plant as u64)
+        };
+        (0..count).map(one).collect()
+    }
+
+    /// Every triangle of a level brought into its space, by walking all placements.
+    fn flatten(levels: &[Level], level: usize) -> Vec<[Vec3; 3]> {
+        match &levels[level].content {
+            Content::Mesh { blocks, .. } => {
+                // Unused lanes hold a point, which no ray meets.
+                let lanes = 0..8 * blocks.len();
+                let corners = |i: usize| {
+                    let (block, lane) = (&blocks[i / 8], i % 8);
+                    let a = Vec3::from_array([0, 1, 2].map(|axis| block.corner[axis][lane]));
+                    let (edge_1, edge_2) = block.edges(lane);
+                    [a, a + edge_1, a + edge_2]
+                };
+                lanes.map(corners).collect()
+            }
+            Content::Group { instances, .. } => {
+                let place = |instance: &Instance| {
+                    let out = |p: Vec3| {
+                        instance.turn(p) * instance.scale + Vec3::from_array(instance.position)
+                    };
+                    let inner = flatten(levels, instance.level as usize);
+                    inner.into_iter().map(|corners| corners.map(out)).collect::<Vec<_>>()
+                };
+                instances.iter().flat_map(place).collect()
+            }
+        }
+    }
+
+    /// Plain test of every triangle, in double precision.
+    fn brute_force(triangles: &[[Vec3; 3]], ray: &Ray) -> f64 {
+        let (o, d) = (ray.origin.as_dvec3(), ray.direction.as_dvec3());
+        let test = |corners: &[Vec3; 3]| {
+            let [a, b, c] = corners.map(|corner| corner.as_dvec3());
+            let p = d.cross(c - a);
+            let inverse = 1.0 / (b - a).dot(p);
+            let s = o - a;
+            let q = s.cross(b - a);
+            let (u, v, t) = (s.dot(p) * inverse, d.dot(q) * inverse, (c - a).dot(q) * inverse);
+            (u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0).then_some(t)
+        };
+        triangles.iter().filter_map(test).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Scene of three levels of nesting.
+    fn nested(chance: &mut Stream) -> Vec<Level> {
+        let mut levels: Vec<Level> =
+            (0..3).map(|_| Level::mesh(&triangles(chance, 60, 0.4), 1)).collect();
+        let group = Level::group(&placements(chance, 9, 3), &levels);
+        levels.push(group);
+        let top = Level::group(&placements(chance, 12, 4), &levels);
+        levels.push(top);
+        levels
+    }
+
+    #[test]
+    fn nested_instances_are_met_where_brute_force_meets_them() {
+        let mut chance = Seed(11).stream("nested", 0);
+        for _ in 0..4 {
+            let levels = nested(&mut chance);
+            let top = levels.len() - 1;
+            let flat = flatten(&levels, top);
+            let levels = Levels::new(levels);
+            let mut scratch = Scratch::default();
+            let mut differing = 0;
+            for _ in 0..500 {
+                let origin = point(&mut chance, 30.0);
+                let ray = Ray { origin, direction: (point(&mut chance, 8.0) - origin).normalize() };
+                let hit = levels.nearest(top as u32, &ray, f32::INFINITY, &mut scratch);
+                let truth = brute_force(&flat, &ray);
+                let blocked = levels.is_blocked(top as u32, &ray, f32::INFINITY, &mut scratch);
+                assert_eq!(blocked, hit.is_some());
+                let is_same = hit.is_some() == truth.is_finite()
+                    && (!hit.is_some() || (f64::from(hit.t) - truth).abs() < 1e-4 * truth.max(1.0));
+                differing += usize::from(!is_same);
+            }
+            // A ray within a rounding error of an edge may go either way: a few in a thousand.
+            assert!(differing <= 1, "{differing} of 500 rays differ");
+        }
+    }
+
+    #[test]
+    fn plain_loops_and_vectors_give_the_same_bits() {
+        let make = || nested(&mut Seed(5).stream("bits", 0));
+        let (fast, plain) = (Levels::new(make()), Levels::new(make()).portable());
+        let mut chance = Seed(6).stream("rays", 0);
+        let mut scratch = Scratch::default();
+        for _ in 0..2000 {
+            let ray = Ray { origin: point(&mut chance, 15.0), direction: direction(&mut chance) };
+            let a = fast.nearest(4, &ray, f32::INFINITY, &mut scratch);
+            let b = plain.nearest(4, &ray, f32::INFINITY, &mut scratch);
+            assert_eq!(
+                (a.t.to_bits(), a.u.to_bits(), a.triangle),
+                (b.t.to_bits(), b.u.to_bits(), b.triangle)
+            );
+        }
+    }
+
+    #[test]
+    fn our_walk_agrees_with_obvhs_on_a_mesh() {
+        let mut chance = Seed(8).stream("mesh", 0);
+        let list = triangles(&mut chance, 3000, 0.1);
+        let theirs: Vec<obvhs::triangle::Triangle> = list
+            .iter()
+            .map(|t| {
+                let [v0, v1, v2] = t.corners.map(glam::Vec3A::from);
+                obvhs::triangle::Triangle { v0, v1, v2 }
+            })
+            .collect();
+        let tree = obvhs::bvh2::builder::build_bvh2_from_tris(
+            &theirs,
+            obvhs::BvhBuildParams::medium_build(),
+            &mut std::time::Duration::default(),
+        );
+        let levels = Levels::new(vec![Level::mesh(&list, 0)]);
+        let mut scratch = Scratch::default();
+        let mut differing = 0;
+        for _ in 0..3000 {
+            let ray = Ray { origin: point(&mut chance, 2.0), direction: direction(&mut chance) };
+            let mine = levels.nearest(0, &ray, f32::INFINITY, &mut scratch);
+            let mut hit = obvhs::ray::RayHit::none();
+            let their_ray = obvhs::ray::Ray::new_inf(ray.origin.into(), ray.direction.into());
+            tree.ray_traverse(their_ray, &mut hit, |ray, id| {
+                theirs[tree.primitive_indices[id] as usize].intersect(ray)
+            });
+            let t = if mine.is_some() { mine.t } else { f32::INFINITY };
+            differing += usize::from(!(t == hit.t || (t - hit.t).abs() < 1e-4));
+        }
+        assert!(differing <= 3, "{differing} of 3000 rays differ");
+    }
+
+    #[test]
+    fn hostile_geometry_is_never_met_and_never_hides_what_is_there() {
+        let zero = [Vec3::ZERO; 3];
+        let line = [Vec3::ZERO, Vec3::X, 2.0 * Vec3::X];
+        let far = [Vec3::splat(1e18), Vec3::splat(2e18), Vec3::new(1e18, -1e18, 0.0)];
+        let real =
+            [Vec3::new(-1.0, -1.0, 5.0), Vec3::new(3.0, -1.0, 5.0), Vec3::new(-1.0, 3.0, 5.0)];
+        let mut list: Vec<Triangle> = Vec::new();
+        for corners in [zero, line, far, real] {
+            list.extend([Triangle { corners, face: Face::default() }; 5]);
+        }
+        let levels = Levels::new(vec![Level::mesh(&list, 0)]);
+        let mut scratch = Scratch::default();
+        for direction in [Vec3::Z, Vec3::new(0.1, 0.0, 1.0), Vec3::new(-0.0, 0.1, 1.0)] {
+            let ray = Ray { origin: Vec3::ZERO, direction };
+            let hit = levels.nearest(0, &ray, f32::INFINITY, &mut scratch);
+            assert!((hit.t - 5.0).abs() < 1e-5, "{direction} met at {}", hit.t);
+        }
+        let away = Ray { origin: Vec3::new(0.2, 0.3, 0.0), direction: -Vec3::Z };
+        assert!(!levels.is_blocked(0, &away, f32::INFINITY, &mut scratch));
+    }
+
+    #[test]
+    fn empty_levels_are_never_met() {
+        let levels = vec![Level::mesh(&[], 0), Level::group(&[], &[])];
+        let levels = Levels::new(levels);
+        let ray = Ray { origin: Vec3::ZERO, direction: Vec3::Z };
+        for level in [0, 1] {
+            assert!(!levels.nearest(level, &ray, 1.0, &mut Scratch::default()).is_some());
+            assert!(levels.bounds(level).is_empty());
+        }
+    }
+
+    #[test]
+    fn a_turned_placement_turns_the_normal_and_names_its_plant() {
+        let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        let mesh = Level::mesh(&[Triangle { corners, face: Face::new([Vec3::Z; 3], 7) }], 3);
+        let turn = Quat::from_rotation_x(std::f32::consts::FRAC_PI_2);
+        let instance =
+            Instance { rotation: turn.to_array(), position: [5.0, 0.0, 0.0], scale: 2.0, level: 0 };
+        let group = Level::group(&[(instance, 42)], std::slice::from_ref(&mesh));
+        let levels = Levels::new(vec![mesh, group]);
+        let ray = Ray { origin: Vec3::new(5.2, -3.0, 0.2), direction: Vec3::Y };
+        let hit = levels.nearest(1, &ray, f32::INFINITY, &mut Scratch::default());
+        assert!((hit.t - 3.0).abs() < 1e-5);
+        let place = levels.place(1, &hit);
+        assert!(place.shading.abs_diff_eq(-Vec3::Y, 1e-5), "{}", place.shading);
+        assert!(place.geometric.abs_diff_eq(-Vec3::Y, 1e-5));
+        assert_eq!((place.material, place.species, place.plant), (7, 3, 42));
+    }
+}

@@ -265,7 +265,8 @@ fn nothing_one_plant_and_plants_of_no_height_are_populations_too() {
 
 #[test]
 fn a_plant_with_an_impossible_number_is_named() {
-    let spoil: [(&str, fn(&mut Plant)); 5] = [
+    type Spoil = fn(&mut Plant);
+    let spoil: [(&str, Spoil); 5] = [
         ("age", |p| p.age = f32::NAN),
         ("height", |p| p.height = -1.0),
         ("vigor", |p| p.vigor = 1.5),

@@ -8,8 +8,11 @@
 
 pub mod ascii_grid;
 mod bytes;
+mod csv_table;
 pub mod error;
+mod geo;
 pub mod geotiff;
+mod parquet_table;
 pub mod picture;
 pub mod plant;
 pub mod population;

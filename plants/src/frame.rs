@@ -1,0 +1,85 @@
+//! Directions and rotations that come out the same on every machine.
+//!
+//! `glam` takes its sines from the platform; angles that land in a model's bytes go through
+//! `libm` here instead.
+
+use glam::{Quat, Vec3};
+
+/// Rotation by `angle` (rad) about the X axis.
+pub fn rot_x(angle: f32) -> Quat {
+    let (sin, cos) = libm::sincosf(0.5 * angle);
+    Quat::from_xyzw(sin, 0.0, 0.0, cos)
+}
+
+/// Rotation by `angle` (rad) about the Z axis.
+pub fn rot_z(angle: f32) -> Quat {
+    let (sin, cos) = libm::sincosf(0.5 * angle);
+    Quat::from_xyzw(0.0, 0.0, sin, cos)
+}
+
+/// The unit vector at angle `declination` (rad) from the vertical, towards `azimuth` (rad, from
+/// X over Y).
+pub fn direction(azimuth: f32, declination: f32) -> Vec3 {
+    let (sin_a, cos_a) = libm::sincosf(azimuth);
+    let (sin_d, cos_d) = libm::sincosf(declination);
+    Vec3::new(sin_d * cos_a, sin_d * sin_a, cos_d)
+}
+
+/// The rotation that turns unit vector `from` part of the way to unit vector `to`.
+///
+/// `part` 0 turns nothing, 1 all the way; in between the angle grows smoothly though not
+/// linearly, which costs one square root instead of an arc cosine. Opposite vectors at part 1/2
+/// have no middle; then nothing turns.
+pub fn turn_towards(from: Vec3, to: Vec3, part: f32) -> Quat {
+    let target = (from + (to - from) * part).try_normalize().unwrap_or(from);
+    Quat::from_rotation_arc(from, target)
+}
+
+/// A unit vector at right angles to unit vector `axis`.
+pub fn any_normal(axis: Vec3) -> Vec3 {
+    let helper = if axis.x.abs() < 0.7 { Vec3::X } else { Vec3::Y };
+    axis.cross(helper).normalize()
+}
+
+/// World from organ, where `frame` has its Z along the growth of the organ and its Y towards
+/// the organ's upper side: organs grow along +Y with their upper side towards +Z.
+pub fn organ_rotation(frame: Quat) -> Quat {
+    // Half a turn about the diagonal of Y and Z exchanges those two and mirrors X.
+    let half = std::f32::consts::FRAC_1_SQRT_2;
+    frame * Quat::from_xyzw(0.0, half, half, 0.0)
+}
+
+/// The frame whose Z is unit `heading` and whose Y is as near to `upper` as can be.
+pub fn frame_of(heading: Vec3, upper: Vec3) -> Quat {
+    let x = upper.cross(heading).try_normalize().unwrap_or_else(|| any_normal(heading));
+    Quat::from_mat3(&glam::Mat3::from_cols(x, heading.cross(x), heading))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_organ_grows_along_the_heading_with_its_upper_side_up() {
+        let frame = frame_of(Vec3::X, Vec3::Z);
+        let rotation = organ_rotation(frame);
+        assert!((rotation * Vec3::Y - Vec3::X).length() < 1e-6);
+        assert!((rotation * Vec3::Z - Vec3::Z).length() < 1e-6);
+    }
+
+    #[test]
+    fn rotations_follow_the_right_hand() {
+        let quarter = std::f32::consts::FRAC_PI_2;
+        assert!((rot_x(quarter) * Vec3::Y - Vec3::Z).length() < 1e-6);
+        assert!((rot_z(quarter) * Vec3::X - Vec3::Y).length() < 1e-6);
+        assert!((direction(quarter, quarter) - Vec3::Y).length() < 1e-6);
+    }
+
+    #[test]
+    fn turning_the_whole_way_arrives() {
+        let (from, to) = (Vec3::X, Vec3::new(0.6, 0.0, 0.8));
+        assert!((turn_towards(from, to, 1.0) * from - to).length() < 1e-5);
+        assert!((turn_towards(from, to, 0.0) * from - from).length() < 1e-6);
+        assert!(turn_towards(from, -from, 0.5).is_finite());
+    }
+}

@@ -1,0 +1,206 @@
+//! Shapes of leaves, petals and flower heads: few triangles, true outlines.
+//!
+//! An organ is attached at the origin, grows along +Y and turns its upper side to +Z. Leaves are
+//! one long, so that an instance's scale is width and length in metres.
+
+use glam::Vec3;
+use weald_contract::{Mesh, words};
+
+words! {
+    /// Outline of a leaf.
+    pub enum LeafShape {
+        /// Broad and rounded with a point, as of aspens.
+        Ovate = "ovate",
+        /// Long and narrow, as of willows.
+        Lanceolate = "lanceolate",
+        /// Widest above the middle with a wavy edge, as of oaks.
+        Lobed = "lobed",
+        /// Elliptic, as of tupelos and most herbs.
+        Elliptic = "elliptic",
+    }
+}
+
+/// Half an outline: from the base at (0, 0) to the tip at (0, 1), widths as parts of the whole
+/// width, so at most 0.5. The stalk is the narrow part at the base.
+fn half_outline(shape: LeafShape) -> &'static [[f32; 2]] {
+    match shape {
+        // A stalk up to a sixth of the length, the greatest width below the middle.
+        LeafShape::Ovate => &[[0.03, 0.14], [0.48, 0.36], [0.40, 0.72]],
+        LeafShape::Lanceolate => &[[0.38, 0.25], [0.42, 0.6]],
+        LeafShape::Lobed => &[[0.20, 0.25], [0.36, 0.45], [0.50, 0.66], [0.30, 0.93]],
+        LeafShape::Elliptic => &[[0.40, 0.28], [0.42, 0.66]],
+    }
+}
+
+/// Area of a leaf of this shape, as part of its length times its width.
+pub fn leaf_area(shape: LeafShape) -> f32 {
+    let half = half_outline(shape);
+    let rim = std::iter::once([0.0, 0.0]).chain(half.iter().copied()).chain([[0.0, 1.0]]);
+    let rim: Vec<[f32; 2]> = rim.collect();
+    2.0 * rim.windows(2).map(|p| 0.5 * (p[0][0] + p[1][0]) * (p[1][1] - p[0][1])).sum::<f32>()
+}
+
+/// A leaf one long and one wide, its halves folded up along the midrib and its length bent down.
+///
+/// `fold` is the rise of the margin and `bend` the drop of the tip, both as parts of the length.
+/// Each half is a fan from the tip, two to four triangles.
+pub fn leaf(shape: LeafShape, fold: f32, bend: f32, material: u32) -> Mesh {
+    let half = half_outline(shape);
+    let height = |x: f32, y: f32| 2.0 * fold * x - bend * y * y;
+    let mut mesh = Mesh { material, ..Mesh::default() };
+    let mut add = |x: f32, y: f32| {
+        mesh.positions.push([x, y, height(x.abs(), y)]);
+        mesh.uvs.push([x + 0.5, y]);
+        (mesh.positions.len() - 1) as u32
+    };
+    let (base, tip) = (add(0.0, 0.0), add(0.0, 1.0));
+    let mut triangles = Vec::new();
+    for side in [1.0, -1.0] {
+        let rim: Vec<u32> = half.iter().map(|&[x, y]| add(side * x, y)).collect();
+        let rim: Vec<u32> = std::iter::once(base).chain(rim).collect();
+        for pair in rim.windows(2) {
+            let (a, b) = if side > 0.0 { (pair[0], pair[1]) } else { (pair[1], pair[0]) };
+            triangles.push([a, b, tip]);
+        }
+    }
+    mesh.triangles = triangles;
+    smooth(&mut mesh);
+    mesh
+}
+
+/// Petals in a ring around +Y, opening towards it: `count` of length 1 and width `width`.
+///
+/// `rise` is how far the petals' tips stand above their bases along +Y; negative ones hang, as
+/// of coneflowers. `inner` is the radius at which they begin.
+pub fn petals(count: u32, inner: f32, width: f32, rise: f32, material: u32) -> Mesh {
+    let mut mesh = Mesh { material, ..Mesh::default() };
+    for petal in 0..count {
+        let angle = std::f32::consts::TAU * petal as f32 / count as f32;
+        let (sin, cos) = libm::sincosf(angle);
+        let out = Vec3::new(cos, 0.0, sin);
+        let across = Vec3::new(-sin, 0.0, cos) * (0.5 * width);
+        let point = |along: f32, side: f32, up: f32| {
+            (out * (inner + along) + across * side + Vec3::Y * (rise * up)).to_array()
+        };
+        let first = mesh.positions.len() as u32;
+        // Two triangles: a kite that is widest beyond the middle.
+        mesh.positions.extend([point(0.0, 0.0, 0.0), point(0.62, -1.0, 0.5), point(1.0, 0.0, 1.0), point(0.62, 1.0, 0.5)]);
+        mesh.triangles.extend([[first, first + 3, first + 2], [first, first + 2, first + 1]]);
+    }
+    smooth(&mut mesh);
+    mesh
+}
+
+/// A dome around +Y: `sides` triangles from a rim of radius 1 to an apex at `height`, and a
+/// closed lower side.
+pub fn dome(sides: u32, height: f32, material: u32) -> Mesh {
+    let mut mesh = Mesh { material, ..Mesh::default() };
+    for side in 0..sides {
+        let (sin, cos) = libm::sincosf(std::f32::consts::TAU * side as f32 / sides as f32);
+        mesh.positions.push([cos, 0.0, sin]);
+    }
+    mesh.positions.extend([[0.0, height, 0.0], [0.0, -0.3 * height, 0.0]]);
+    let (top, bottom) = (sides, sides + 1);
+    for side in 0..sides {
+        let next = (side + 1) % sides;
+        mesh.triangles.extend([[next, side, top], [side, next, bottom]]);
+    }
+    smooth(&mut mesh);
+    mesh
+}
+
+/// A scar on a stem of radius 1 along +Y: a lens that lies on the side of +Z.
+pub fn scar(material: u32) -> Mesh {
+    let mut mesh = Mesh { material, ..Mesh::default() };
+    // Angle around the stem and half height; the stem's own polygon lies inside the circle, so a
+    // little outside it the lens covers both.
+    const RIM: [(f32, f32); 6] =
+        [(-0.8, 0.0), (-0.45, 0.11), (-0.1, 0.22), (0.2, 0.2), (0.5, 0.1), (0.85, 0.0)];
+    let at = |angle: f32, y: f32| {
+        let (sin, cos) = libm::sincosf(angle);
+        ([1.015 * sin, y - 0.15 * sin * sin, 1.015 * cos], [sin, 0.0, cos])
+    };
+    for (angle, half) in RIM {
+        for y in [-half, half] {
+            let (position, normal) = at(angle, y);
+            mesh.positions.push(position);
+            mesh.normals.push(normal);
+        }
+    }
+    for i in 0..RIM.len() as u32 - 1 {
+        let (a, b) = (2 * i, 2 * i + 2);
+        mesh.triangles.push([a, b, b + 1]);
+        mesh.triangles.push([a, b + 1, a + 1]);
+    }
+    mesh
+}
+
+/// The same mesh scaled about the origin and moved.
+pub fn scaled(mut mesh: Mesh, scale: f32, offset: [f32; 3]) -> Mesh {
+    for position in &mut mesh.positions {
+        *position = (Vec3::from_array(*position) * scale + Vec3::from_array(offset)).to_array();
+    }
+    mesh
+}
+
+/// Sets each vertex normal to the mean of its triangles', weighted by area.
+fn smooth(mesh: &mut Mesh) {
+    let mut sums = vec![Vec3::ZERO; mesh.positions.len()];
+    for triangle in &mesh.triangles {
+        let [a, b, c] = triangle.map(|i| Vec3::from_array(mesh.positions[i as usize]));
+        let normal = (b - a).cross(c - a);
+        triangle.iter().for_each(|&i| sums[i as usize] += normal);
+    }
+    mesh.normals = sums.iter().map(|sum| sum.normalize_or(Vec3::Z).to_array()).collect();
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SHAPES: [LeafShape; 4] =
+        [LeafShape::Ovate, LeafShape::Lanceolate, LeafShape::Lobed, LeafShape::Elliptic];
+
+    fn area(mesh: &Mesh) -> f32 {
+        let corner = |i: u32| Vec3::from_array(mesh.positions[i as usize]);
+        let of = |t: &[u32; 3]| {
+            0.5 * (corner(t[1]) - corner(t[0])).cross(corner(t[2]) - corner(t[0])).length()
+        };
+        mesh.triangles.iter().map(of).sum()
+    }
+
+    #[test]
+    fn flat_leaves_have_the_area_of_their_outline_and_face_up() {
+        for shape in SHAPES {
+            let mesh = leaf(shape, 0.0, 0.0, 0);
+            assert!(mesh.is_sound(1));
+            assert!((area(&mesh) - leaf_area(shape)).abs() < 0.02, "{shape:?}");
+            assert!((4..=8).contains(&mesh.triangles.len()));
+            assert!(mesh.normals.iter().all(|n| n[2] > 0.99));
+            assert!(mesh.positions.iter().all(|p| p[0].abs() <= 0.5 && (0.0..=1.0).contains(&p[1])));
+        }
+    }
+
+    #[test]
+    fn a_folded_leaf_rises_to_its_margin() {
+        let mesh = leaf(LeafShape::Ovate, 0.2, 0.0, 0);
+        assert!(mesh.positions.iter().any(|p| p[2] > 0.1));
+        assert!(mesh.positions.iter().filter(|p| p[0] == 0.0).all(|p| p[2] == 0.0));
+    }
+
+    #[test]
+    fn petals_lie_around_the_stalk_and_look_away_from_it() {
+        let mesh = petals(13, 0.2, 0.3, 0.0, 0);
+        assert_eq!(mesh.triangles.len(), 26);
+        assert!(mesh.normals.iter().all(|n| n[1] > 0.99));
+    }
+
+    #[test]
+    fn a_dome_is_closed_and_faces_outward() {
+        let mesh = dome(6, 0.7, 0);
+        let corner = |i: u32| Vec3::from_array(mesh.positions[i as usize]);
+        let volume: f32 =
+            mesh.triangles.iter().map(|t| corner(t[0]).dot(corner(t[1]).cross(corner(t[2])))).sum();
+        assert!(volume > 0.0);
+    }
+}

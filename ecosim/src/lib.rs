@@ -1,1 +1,143 @@
-//! stub
+//! Plant populations: where which plant stands, how old and how vigorous it is.
+//!
+//! A population is made by an ordered list of steps, each of which takes the plants so far and
+//! returns them changed: painted densities become plants by halftoning and relaxation, circles
+//! grow and compete year after year, single plants are placed or cleared [Deussen98]. So
+//! painting and simulation alternate freely.
+//!
+//! Everything is a function of its arguments: the same inputs and seed give the same bytes for
+//! any number of threads and any order of the plants handed in.
+
+mod attribute;
+mod clear;
+mod competition;
+mod config;
+mod density;
+mod dither;
+mod field;
+mod ground;
+mod halftone;
+mod ids;
+mod neighbors;
+mod place;
+mod relax;
+mod shadow;
+mod simulate;
+mod species;
+mod stand;
+mod steps;
+
+pub use competition::{Circle, Plain, dominators};
+pub use config::{
+    Arrange, Attribute, Clear, Config, Edge, Halftone, Order, Place, RelaxStep, Simulate, Step,
+    StepCommon,
+};
+pub use dither::dither;
+pub use relax::{Relaxation, relax};
+pub use simulate::{Simulation, Year};
+pub use species::Ecology;
+pub use steps::grow;
+
+use std::collections::BTreeMap;
+use weald_contract::{Image, Layers, Population, Problem, Species, View};
+
+/// Version of what this crate computes; it changes whenever equal inputs give other plants.
+pub const OUTPUT_VERSION: u32 = 1;
+
+/// Why no population was made.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Something the user wrote cannot be done.
+    #[error(transparent)]
+    Problem(#[from] Problem),
+    /// The caller's [`weald_contract::Progress`] asked to stop.
+    #[error("stopped before it was done")]
+    Cancelled,
+}
+
+/// All that the steps read besides their own fields.
+#[derive(Clone, Copy, Debug)]
+pub struct Surroundings<'a> {
+    /// The ground; `altitude` is needed always, other layers when a step or species asks.
+    pub terrain: &'a Layers,
+    /// Species by name.
+    pub species: &'a BTreeMap<String, (Species, Ecology)>,
+    /// Images by the path that names them in a step.
+    pub images: &'a BTreeMap<String, Image>,
+    /// Tables of plants by the path that names them in a `place` step.
+    pub plants: &'a BTreeMap<String, Population>,
+    /// The views of the scene.
+    pub views: &'a [View],
+}
+
+/// What the steps made.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Outcome {
+    /// The plants, sorted by id.
+    pub population: Population,
+    /// A row for each simulated year and species; year 0 is the start.
+    pub summary: Vec<SummaryRow>,
+    /// Every plant that died or was cleared away, in order of time, then id.
+    pub deaths: Vec<Death>,
+}
+
+/// State of one species at the end of a simulated year.
+///
+/// The ledger closes: `alive` is the `alive` of the year before, plus `births`, minus
+/// `dominated` and `old`.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SummaryRow {
+    /// Years since the first simulated year began, over all `simulate` steps.
+    pub step: u32,
+    /// Index into the species of the population.
+    pub species: u16,
+    /// Plants alive at the end of the year.
+    pub alive: u64,
+    /// Seedlings that took hold during the year; at the start, the plants sown then.
+    pub births: u64,
+    /// Plants that died because a stronger one stood over them.
+    pub dominated: u64,
+    /// Plants that died of old age.
+    pub old: u64,
+    /// Mean crown radius of those alive, m; 0 when there are none.
+    pub mean_radius: f32,
+    /// Sum of crown areas over the area of the terrain.
+    pub cover: f32,
+}
+
+/// The end of one plant.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Death {
+    /// The plant.
+    pub id: u64,
+    /// Index into the species of the population.
+    pub species: u16,
+    /// The year, counted as in [`SummaryRow::step`].
+    pub step: u32,
+    /// Why it died.
+    pub cause: Cause,
+    /// The strongest plant that stood over it, when that was the cause.
+    pub killer: Option<u64>,
+}
+
+/// Why a plant is gone.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Cause {
+    /// A plant of greater competitive ability stood over it.
+    Dominated,
+    /// It reached the lifespan of its species.
+    Old,
+    /// A `clear` step removed it.
+    Cleared,
+}
+
+impl Cause {
+    /// The word for this cause in a file.
+    pub fn word(self) -> &'static str {
+        match self {
+            Self::Dominated => "dominated",
+            Self::Old => "old",
+            Self::Cleared => "cleared",
+        }
+    }
+}

@@ -1,0 +1,429 @@
+//! What users write: the table `[ecosim]`.
+
+use crate::species::Ecology;
+use std::collections::BTreeMap;
+use weald_contract::formula::Variable;
+use weald_contract::source::nearest;
+use weald_contract::table::{Json, Kind, Tagged};
+use weald_contract::{
+    Formula, FromToml, Input, InputKind, Problem, Problems, Species, Value, Written, choice, table,
+    words,
+};
+
+table! {
+    /// How plants come to stand on the terrain.
+    pub struct Config {
+        /// The steps, run in order; each takes the plants so far.
+        step: Vec<Tagged<StepCommon, Step>> = Vec::new();
+        /// Most plants that the population may hold; a guard against a slip in a density.
+        max_plants: u64 = 5000000, in 0.0..=4000000000.0;
+    }
+}
+
+table! {
+    /// What all steps share.
+    pub struct StepCommon {
+        /// A name; a named step keeps its random numbers and ids when steps are added before it.
+        name: Option<String> = None;
+        /// Whether it runs.
+        enabled: bool = true;
+    }
+}
+
+choice! {
+    /// A step.
+    pub enum Step by "kind" {
+        /// Turns a density into plants.
+        "halftone" => Halftone(Halftone),
+        /// Lets species come, grow, compete and die for some years.
+        "simulate" => Simulate(Simulate),
+        /// Places single plants.
+        "place" => Place(Place),
+        /// Evens out the distances between plants.
+        "relax" => Relax(RelaxStep),
+        /// Removes plants.
+        "clear" => Clear(Clear),
+    }
+}
+
+words! {
+    /// How a halftone puts plants on the ground.
+    pub enum Arrange {
+        /// Evenly scattered, as many as the density says.
+        Scatter = "scatter",
+        /// On a square grid without gaps; the density is the probability that a cell is taken.
+        Grid = "grid",
+    }
+}
+
+table! {
+    /// Turns a density into plants: Floyd and Steinberg's dithering, then Lloyd's relaxation.
+    ///
+    /// Plants per m² are the product of `density`, `per_m2` and `formula`, of which at least
+    /// one is given; what is left out counts as 1.
+    pub struct Halftone {
+        /// The species.
+        species: Written<String>;
+        /// Path of a density image; without a georeference it covers the whole terrain.
+        density: Option<Written<String>> = None;
+        /// Whether black means dense.
+        invert: bool = false;
+        /// Plants per m² where the image is full; float images hold plants per m² without it.
+        per_m2: Option<f32> = None, in 0.0..=10000.0;
+        /// Plants per m², or a factor to the image.
+        formula: Option<Written<Formula>> = None;
+        /// How plants are put on the ground.
+        arrange: Arrange = Arrange::Scatter;
+        /// Side of the cells of which each holds at most one plant, m; chosen when left out.
+        cell: Option<Written<f64>> = None, in 0.001..=10000.0;
+        /// Iterations of Lloyd's relaxation.
+        relax: u32 = 5, in 0.0..=1000.0;
+        /// Age in years: a formula, or `[youngest, oldest]`; left out, 0.2 to 0.8 of the lifespan.
+        age: Option<Attribute> = None;
+        /// Largest random deviation from an age given by a formula, as a part of it.
+        age_noise: f32 = 0.2, in 0.0..=1.0;
+        /// Vigor: a formula, or `[least, greatest]`; left out, it follows from soil moisture.
+        vigor: Option<Attribute> = None;
+        /// Largest random deviation from a vigor given by a formula.
+        vigor_noise: f32 = 0.1, in 0.0..=1.0;
+    }
+}
+
+table! {
+    /// Lets species come, grow, compete and die for some years.
+    pub struct Simulate {
+        /// The species that take part; plants of other species are left as they are.
+        species: Vec<Written<String>>;
+        /// Years to simulate.
+        years: Written<u32>, in 1.0..=100000.0;
+        /// Plants of each species sown at the start, wherever they can stand.
+        initial: u32 = 0, in 0.0..=100000000.0;
+        /// Youngest and oldest age of the plants sown at the start, years.
+        initial_age: [f32; 2] = [1.0, 10.0], in 0.0..=10000.0;
+        /// Chance that a seedling takes hold where it lands; left out, 1.
+        chance: Option<Written<Formula>> = None;
+        /// Whether all deaths of a year happen at once.
+        order: Order = Order::Sync;
+        /// What lies beyond the rim of the terrain.
+        edge: Edge = Edge::Open;
+    }
+}
+
+words! {
+    /// Order of the deaths within a year.
+    pub enum Order {
+        /// All plants look at the same state; a plant that dies may still kill.
+        Sync = "sync",
+        /// Strongest first; only plants that live on kill.
+        Greedy = "greedy",
+    }
+}
+
+words! {
+    /// What lies beyond the rim.
+    pub enum Edge {
+        /// Nothing.
+        Open = "open",
+        /// The opposite rim, so that the pattern tiles.
+        Torus = "torus",
+    }
+}
+
+table! {
+    /// Places single plants: a table of them, or points in the scene.
+    pub struct Place {
+        /// Path of a table of plants.
+        plants: Option<Written<String>> = None;
+        /// Species of the points in `at`.
+        species: Option<Written<String>> = None;
+        /// Points, scene coordinates, m.
+        at: Vec<Written<[f64; 2]>> = Vec::new(), in -10000000.0..=10000000.0;
+        /// Age in years of the points: a formula, or `[youngest, oldest]`.
+        age: Option<Attribute> = None;
+        /// Vigor of the points: a formula, or `[least, greatest]`.
+        vigor: Option<Attribute> = None;
+    }
+}
+
+table! {
+    /// Evens out the distances between plants by Lloyd's relaxation.
+    pub struct RelaxStep {
+        /// The species, all together; none named means all.
+        species: Vec<Written<String>> = Vec::new();
+        /// Iterations.
+        iterations: u32 = 5, in 0.0..=1000.0;
+        /// Where plants are wanted denser, as a formula; left out, evenly wherever they can stand.
+        formula: Option<Written<Formula>> = None;
+    }
+}
+
+table! {
+    /// Removes plants.
+    pub struct Clear {
+        /// The species; none named means all.
+        species: Vec<Written<String>> = Vec::new();
+        /// Only inside this disc: x, y, radius in scene coordinates, m.
+        disc: Option<[f64; 3]> = None, in -10000000.0..=10000000.0;
+        /// Only where this is above 0.
+        formula: Option<Written<Formula>> = None;
+    }
+}
+
+/// A number for each plant: computed, or drawn evenly from a range.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Attribute {
+    /// Least and greatest value.
+    Range([f32; 2]),
+    /// A formula over terrain layers at the plant's place.
+    Formula(Written<Formula>),
+}
+
+impl serde::Serialize for Attribute {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Range(range) => range.serialize(serializer),
+            Self::Formula(formula) => formula.serialize(serializer),
+        }
+    }
+}
+
+impl FromToml for Attribute {
+    fn from_toml(value: &Value, problems: &mut Problems) -> Option<Self> {
+        if !matches!(value.kind, Kind::Array(_)) {
+            return Written::from_toml(value, problems).map(Self::Formula);
+        }
+        let range = <[f32; 2]>::from_toml(value, problems)?;
+        if range[0] <= range[1] && range[0] >= 0.0 {
+            return Some(Self::Range(range));
+        }
+        problems.push(
+            Problem::at(value.span, "a range must rise and not begin below 0")
+                .hint("write `[least, greatest]`, or a formula in quotes"),
+        );
+        None
+    }
+
+    fn schema() -> Json {
+        let pair = <[f32; 2]>::schema();
+        let formula = Formula::schema();
+        Json::Object([("oneOf".to_string(), vec![pair, formula].into())].into_iter().collect())
+    }
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        Self { step: Vec::new(), max_plants: 5_000_000 }
+    }
+}
+
+impl Config {
+    /// Returns the files that the steps name.
+    pub fn inputs(&self) -> Vec<Input> {
+        let mut inputs = Vec::new();
+        for (index, step) in self.step.iter().enumerate().filter(|(_, s)| s.common.enabled) {
+            let (path, word, kind) = match &step.variant {
+                Step::Halftone(halftone) => (&halftone.density, "density", InputKind::Image),
+                Step::Place(place) => (&place.plants, "plants", InputKind::Plants),
+                Step::Simulate(_) | Step::Relax(_) | Step::Clear(_) => continue,
+            };
+            let field = format!("ecosim.step[{index}].{word}");
+            inputs.extend(path.iter().map(|path| Input {
+                field: field.clone(),
+                path: path.clone(),
+                kind,
+            }));
+        }
+        inputs
+    }
+
+    /// Returns the species that the steps name, in the order in which they are written.
+    ///
+    /// Those that a formula names in `crown_shadow` are not listed: they cast shadow only if a
+    /// step plants them.
+    pub fn species(&self) -> Vec<&Written<String>> {
+        self.enabled().flat_map(Step::species).collect()
+    }
+
+    /// Returns the steps that run.
+    pub(crate) fn enabled(&self) -> impl Iterator<Item = &Step> {
+        self.step.iter().filter(|step| step.common.enabled).map(|step| &step.variant)
+    }
+
+    /// Finds what is wrong before any work: species that do not exist or have no ecology, steps
+    /// without what they need, and layers that formulas name but the terrain will not have.
+    pub fn check(
+        &self,
+        species: &BTreeMap<String, (Species, Ecology)>,
+        layers: &[&str],
+    ) -> Problems {
+        let mut problems = Problems::new();
+        for step in self.enabled() {
+            for name in step.species() {
+                check_species(name, species, &mut problems);
+            }
+            for formula in step.formulas() {
+                check_formula(formula, species, layers, &mut problems);
+            }
+            step.check(species, layers, &mut problems);
+        }
+        problems
+    }
+}
+
+impl Step {
+    /// Returns the species that the step's own fields name.
+    pub(crate) fn species(&self) -> Vec<&Written<String>> {
+        match self {
+            Self::Halftone(halftone) => vec![&halftone.species],
+            Self::Simulate(simulate) => simulate.species.iter().collect(),
+            Self::Place(place) => place.species.iter().collect(),
+            Self::Relax(relax) => relax.species.iter().collect(),
+            Self::Clear(clear) => clear.species.iter().collect(),
+        }
+    }
+
+    fn formulas(&self) -> Vec<&Written<Formula>> {
+        match self {
+            Self::Halftone(h) => h
+                .formula
+                .iter()
+                .chain(attribute_formula(&h.age))
+                .chain(attribute_formula(&h.vigor))
+                .collect(),
+            Self::Simulate(simulate) => simulate.chance.iter().collect(),
+            Self::Place(place) => {
+                attribute_formula(&place.age).chain(attribute_formula(&place.vigor)).collect()
+            }
+            Self::Relax(relax) => relax.formula.iter().collect(),
+            Self::Clear(clear) => clear.formula.iter().collect(),
+        }
+    }
+
+    fn check(
+        &self,
+        species: &BTreeMap<String, (Species, Ecology)>,
+        layers: &[&str],
+        problems: &mut Problems,
+    ) {
+        match self {
+            Self::Halftone(halftone) => halftone.check(species, problems),
+            Self::Simulate(simulate) => simulate.check(species, layers, problems),
+            Self::Place(place) => place.check(problems),
+            Self::Relax(_) | Self::Clear(_) => {}
+        }
+    }
+}
+
+impl Halftone {
+    fn check(&self, species: &BTreeMap<String, (Species, Ecology)>, problems: &mut Problems) {
+        if self.density.is_none() && self.per_m2.is_none() && self.formula.is_none() {
+            problems.push(
+                Problem::at(self.species.span, "this halftone says nowhere how dense it is")
+                    .hint("give `density` (an image), `per_m2` or `formula`"),
+            );
+        }
+        let is_group = species.get(&self.species.value).is_some_and(|s| s.0.group.is_some());
+        if self.arrange == Arrange::Grid && self.cell.is_none() && !is_group {
+            problems.push(
+                Problem::at(self.species.span, "a grid needs the side of its cells")
+                    .hint("give `cell`, or a species with a `[group]`, whose `side` counts"),
+            );
+        }
+    }
+}
+
+impl Simulate {
+    fn check(
+        &self,
+        species: &BTreeMap<String, (Species, Ecology)>,
+        layers: &[&str],
+        problems: &mut Problems,
+    ) {
+        if self.species.is_empty() {
+            let problem = Problem::at(self.years.span, "this simulation has no species");
+            problems.push(problem.hint("name at least one in `species`"));
+        }
+        for (index, name) in self.species.iter().enumerate() {
+            if self.species[..index].contains(name) {
+                let message = format!("species `{}` is named twice", name.value);
+                problems.push(Problem::at(name.span, message));
+            }
+            let lacks = species.get(&name.value).is_some_and(|(s, _)| s.ecology.is_none());
+            if lacks {
+                let message = format!("species `{}` has no `[ecology]` to simulate", name.value);
+                let hint = "add an `[ecology]` table to its species file";
+                problems.push(Problem::at(name.span, message).hint(hint));
+            }
+        }
+        if !layers.contains(&"soil_moisture") {
+            let message = "the terrain has no layer `soil_moisture`, from which vigor follows";
+            problems.push(Problem::at(self.years.span, message));
+        }
+    }
+}
+
+impl Place {
+    fn check(&self, problems: &mut Problems) {
+        if let (Some(first), None) = (self.at.first(), &self.species) {
+            let problem = Problem::at(first.span, "these points have no species");
+            problems.push(problem.hint("add `species = \"…\"`"));
+        }
+        if let (Some(species), true) = (&self.species, self.at.is_empty()) {
+            let problem = Problem::at(species.span, "this species is placed nowhere");
+            problems.push(problem.hint("add `at = [[x, y], …]`"));
+        }
+    }
+}
+
+fn attribute_formula(attribute: &Option<Attribute>) -> impl Iterator<Item = &Written<Formula>> {
+    attribute.iter().filter_map(|attribute| match attribute {
+        Attribute::Formula(formula) => Some(formula),
+        Attribute::Range(_) => None,
+    })
+}
+
+fn check_species(
+    name: &Written<String>,
+    species: &BTreeMap<String, (Species, Ecology)>,
+    problems: &mut Problems,
+) {
+    if species.contains_key(&name.value) {
+        return;
+    }
+    let problem = Problem::at(name.span, format!("unknown species `{}`", name.value));
+    problems.push(suggest(problem, &name.value, species.keys().map(String::as_str)));
+}
+
+/// Notes the layers and species that a formula reads but nobody has.
+fn check_formula(
+    formula: &Written<Formula>,
+    species: &BTreeMap<String, (Species, Ecology)>,
+    layers: &[&str],
+    problems: &mut Problems,
+) {
+    let reads = formula.value.variables().iter().zip(formula.value.spans());
+    for (variable, range) in reads {
+        let (what, name, known): (_, _, Vec<&str>) = match variable {
+            Variable::Layer(name) => ("layer", name, layers.to_vec()),
+            Variable::CrownShadow(name) => {
+                ("species", name, species.keys().map(String::as_str).collect())
+            }
+            Variable::X | Variable::Y => continue,
+        };
+        if !known.contains(&name.as_str()) {
+            // The span of a text begins with its quotation mark.
+            let span = formula.span.narrow(range.start + 1..range.end + 1);
+            let problem = Problem::at(span, format!("unknown {what} `{name}`"));
+            problems.push(suggest(problem, name, known.into_iter()));
+        }
+    }
+}
+
+fn suggest<'a>(problem: Problem, word: &str, known: impl Iterator<Item = &'a str>) -> Problem {
+    let known: Vec<&str> = known.collect();
+    match nearest(word, known.iter().copied()) {
+        Some(near) => problem.hint(format!("did you mean `{near}`?")),
+        None if known.is_empty() => problem,
+        None => problem.hint(format!("known here: {}", known.join(", "))),
+    }
+}

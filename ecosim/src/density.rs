@@ -1,0 +1,217 @@
+//! Plants per m² on a raster, from an image, a number and a formula.
+
+use crate::Error;
+use crate::config::Halftone;
+use crate::field::{BoundFormula, ImageField};
+use crate::ground::Ground;
+use crate::stand::{Kind, Stand};
+use crate::steps::Site;
+use rayon::prelude::*;
+use weald_contract::{Frame, Grid, Problem};
+
+/// Most cells of the first look at a density, which finds where and how dense it is.
+const LOOK_CELLS: f64 = 1e6;
+/// Expected plants in a cell where the density is greatest. At 1 or 1/2 dithering would give a
+/// lattice, which relaxation cannot undo; smaller cells cost time.
+const FILLING: f64 = 0.3;
+/// Cells along the longer side of the terrain, at least, so that sparse densities keep shape.
+const LEAST_CELLS_ACROSS: f64 = 256.0;
+/// Most cells of a raster: 256 MB of them.
+const MOST_CELLS: f64 = 6.4e7;
+
+/// Where a density comes from: the product of an image, a number and a formula, and 0 where
+/// the species cannot stand.
+pub(crate) struct Density<'a> {
+    image: Option<ImageField<'a>>,
+    invert: bool,
+    per_m2: f64,
+    formula: Option<BoundFormula<'a>>,
+    ground: &'a Ground<'a>,
+    kind: Kind<'a>,
+}
+
+/// A rectangle in map coordinates: the part of a cell that lies on the terrain.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Patch {
+    pub(crate) west: f64,
+    pub(crate) east: f64,
+    pub(crate) south: f64,
+    pub(crate) north: f64,
+}
+
+impl Patch {
+    /// Returns the part of a cell that lies on the terrain.
+    pub(crate) fn of(cells: &Frame, terrain: &Frame, column: usize, row: usize) -> Self {
+        let (x, y) = cells.center(column, row);
+        let half = 0.5 * cells.cell;
+        Self {
+            west: (x - half).max(terrain.west),
+            east: (x + half).min(terrain.east()),
+            south: (y - half).max(terrain.south),
+            north: (y + half).min(terrain.north()),
+        }
+    }
+
+    pub(crate) fn center(&self) -> [f64; 2] {
+        [0.5 * (self.west + self.east), 0.5 * (self.south + self.north)]
+    }
+
+    /// Returns the area, m².
+    pub(crate) fn area(&self) -> f64 {
+        (self.east - self.west).max(0.0) * (self.north - self.south).max(0.0)
+    }
+}
+
+impl<'a> Density<'a> {
+    /// Finds the image, binds the formula and checks that they fit the terrain.
+    pub(crate) fn new(
+        halftone: &'a Halftone,
+        kind: Kind<'a>,
+        site: &'a Site<'a>,
+        stand: &Stand<'_>,
+    ) -> Result<Self, Error> {
+        let image = match &halftone.density {
+            None => None,
+            Some(path) => {
+                let image = site.around.images.get(&path.value).ok_or_else(|| {
+                    Problem::at(path.span, format!("the image `{}` was not read", path.value))
+                })?;
+                let is_scaled = image.is_float
+                    || halftone.per_m2.is_some()
+                    || halftone.formula.is_some()
+                    || halftone.arrange == crate::Arrange::Grid;
+                if !is_scaled {
+                    return Err(Problem::at(path.span, "this image says where, but not how dense")
+                        .hint("give `per_m2`, the plants per m² where it is full")
+                        .into());
+                }
+                Some(ImageField::new(path, image, site.ground.frame())?)
+            }
+        };
+        let bind = |formula| BoundFormula::bind(formula, site.around.terrain, stand);
+        Ok(Self {
+            image,
+            invert: halftone.invert,
+            per_m2: halftone.per_m2.map_or(1.0, f64::from),
+            formula: halftone.formula.as_ref().map(bind).transpose()?,
+            ground: &site.ground,
+            kind,
+        })
+    }
+
+    /// Returns the density in each cell of `frame`, plants per m²; 0 where the species cannot
+    /// stand or nothing is wanted.
+    pub(crate) fn raster(&self, frame: Frame) -> Result<Grid, Error> {
+        let terrain = *self.ground.frame();
+        let center =
+            |i: usize| Patch::of(&frame, &terrain, i % frame.width, i / frame.width).center();
+        let mut values = match &self.formula {
+            Some(formula) => formula.numbers(frame.len(), center)?,
+            None => vec![1.0; frame.len()],
+        };
+        values.par_chunks_mut(frame.width).enumerate().for_each(|(row, line)| {
+            for (column, value) in line.iter_mut().enumerate() {
+                let wanted = f64::from(value.max(0.0)) * self.per_m2;
+                let [x, y] = Patch::of(&frame, &terrain, column, row).center();
+                let wanted = wanted * f64::from(self.painted(x, y, frame.cell));
+                let is_possible = wanted > 0.0 && self.ground.bears(self.kind.ecology, x, y);
+                *value = if is_possible { wanted as f32 } else { 0.0 };
+            }
+        });
+        Ok(Grid { frame, values })
+    }
+
+    fn painted(&self, x: f64, y: f64, side: f64) -> f32 {
+        match &self.image {
+            None => 1.0,
+            Some(image) if !image.covers(x, y) => 0.0,
+            Some(image) if self.invert => (1.0 - image.mean(x, y, side)).max(0.0),
+            Some(image) => image.mean(x, y, side),
+        }
+    }
+
+    /// Returns the raster whose cells hold at most one plant, cropped to where plants are
+    /// wanted; `None` when they are wanted nowhere.
+    ///
+    /// `cell` overrules the side of the cells. Features narrower than a terrain cell that lie
+    /// more than two cells from any other are not found.
+    pub(crate) fn fitted(&self, cell: Option<f64>, what: &str) -> Result<Option<Grid>, Error> {
+        let terrain = self.ground.frame();
+        let (width, height) = (terrain.east() - terrain.west, terrain.north() - terrain.south);
+        let look_cell = terrain.cell.max((width * height / LOOK_CELLS).sqrt());
+        let look = self.raster(Frame { cell: look_cell, ..covering(terrain, look_cell) })?;
+        let greatest = look.values.iter().fold(0.0f32, |most, &value| most.max(value));
+        let Some(extent) = occupied(&look) else { return Ok(None) };
+        if !greatest.is_finite() {
+            return Err(Problem::new(format!("{what} has an infinite density")).into());
+        }
+        let side = width.max(height);
+        let usual = (FILLING / f64::from(greatest)).sqrt().min(side / LEAST_CELLS_ACROSS);
+        // A whole number of cells along the terrain keeps the rim cells whole.
+        let cell = cell.unwrap_or(side / (side / usual).ceil());
+        let frame = crop(terrain, &extent, cell);
+        let cells = frame.width as f64 * frame.height as f64;
+        if cells > MOST_CELLS {
+            let message = format!(
+                "{what}: up to {greatest} plants per m² need {cells:.0} cells of {cell:.3} m"
+            );
+            let hint = format!("at most {MOST_CELLS:.0} are used; lower the density");
+            return Err(Problem::new(message).hint(hint).into());
+        }
+        self.raster(frame).map(Some)
+    }
+}
+
+/// Returns the frame of cells of a given side that covers the terrain from its south-west
+/// corner.
+pub(crate) fn covering(terrain: &Frame, cell: f64) -> Frame {
+    // A cell that sticks out by a rounding error is not begun.
+    let cells = |length: f64| ((length / cell - 1e-6).ceil() as usize).max(1);
+    let width = cells(terrain.width as f64 * terrain.cell);
+    let height = cells(terrain.height as f64 * terrain.cell);
+    Frame { width, height, cell, ..*terrain }
+}
+
+/// Rows and columns, half open, counted from the north-west.
+struct Extent {
+    west: f64,
+    east: f64,
+    south: f64,
+    north: f64,
+}
+
+/// Returns the rectangle of the cells that are not 0, with two cells about it.
+fn occupied(grid: &Grid) -> Option<Extent> {
+    let frame = grid.frame;
+    let mut extent: Option<Extent> = None;
+    for (index, _) in grid.values.iter().enumerate().filter(|(_, value)| **value > 0.0) {
+        let (x, y) = frame.center(index % frame.width, index / frame.width);
+        let e = extent.get_or_insert(Extent { west: x, east: x, south: y, north: y });
+        (e.west, e.east) = (e.west.min(x), e.east.max(x));
+        (e.south, e.north) = (e.south.min(y), e.north.max(y));
+    }
+    let margin = 2.5 * frame.cell;
+    extent.map(|e| Extent {
+        west: e.west - margin,
+        east: e.east + margin,
+        south: e.south - margin,
+        north: e.north + margin,
+    })
+}
+
+/// Returns the part inside `extent` of the frame of cells that covers the terrain.
+fn crop(terrain: &Frame, extent: &Extent, cell: f64) -> Frame {
+    let whole = covering(terrain, cell);
+    let first = |from: f64| (from / cell).floor().max(0.0);
+    let last = |to: f64, count: usize| ((to / cell).ceil()).min(count as f64);
+    let (left, bottom) = (first(extent.west - whole.west), first(extent.south - whole.south));
+    let right = last(extent.east - whole.west, whole.width);
+    let top = last(extent.north - whole.south, whole.height);
+    Frame {
+        width: ((right - left) as usize).max(1),
+        height: ((top - bottom) as usize).max(1),
+        cell,
+        west: whole.west + left * cell,
+        south: whole.south + bottom * cell,
+    }
+}

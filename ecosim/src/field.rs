@@ -1,0 +1,289 @@
+//! Numbers at places: terrain layers, crown shadows, images and formulas over them.
+
+use crate::Error;
+use crate::shadow::crown_shadow;
+use crate::stand::Stand;
+use rayon::prelude::*;
+use weald_contract::formula::Variable;
+use weald_contract::{Formula, Frame, Grid, Image, Layers, Problem, Written};
+
+/// Values evaluated together by a formula; its own block length.
+const BLOCK: usize = 1024;
+
+/// One terrain layer on the coarse grid and on the finer patches that have it.
+///
+/// Looks up names once, so that a sample costs an interpolation only.
+#[derive(Clone, Debug)]
+pub(crate) struct Field<'a> {
+    whole: (Frame, &'a [f32]),
+    detail: Vec<(Frame, &'a [f32])>,
+}
+
+impl<'a> Field<'a> {
+    /// Returns the layer of this name, if the terrain has it.
+    pub(crate) fn layer(terrain: &'a Layers, name: &str) -> Option<Self> {
+        let on = |grid: &'a Layers| grid.values(name).map(|values| (grid.frame, values));
+        let whole = on(terrain)?;
+        Some(Self { whole, detail: terrain.detail.iter().filter_map(on).collect() })
+    }
+
+    /// Returns the bilinear value at map coordinates, from the finest grid there.
+    pub(crate) fn at(&self, x: f64, y: f64) -> f32 {
+        let (frame, values) = self.finest(x, y);
+        frame.sample(values, x, y)
+    }
+
+    /// Returns the side of the cells of the finest grid at a place, m.
+    pub(crate) fn cell(&self, x: f64, y: f64) -> f64 {
+        self.finest(x, y).0.cell
+    }
+
+    fn finest(&self, x: f64, y: f64) -> &(Frame, &'a [f32]) {
+        self.detail.iter().find(|(frame, _)| frame.contains(x, y)).unwrap_or(&self.whole)
+    }
+}
+
+/// Where the numbers for one variable of a formula come from.
+enum Origin<'a> {
+    Layer(Field<'a>),
+    Shadow(Grid),
+    X,
+    Y,
+}
+
+/// A formula whose variables are bound to this terrain and the plants so far.
+pub(crate) struct BoundFormula<'a> {
+    formula: &'a Written<Formula>,
+    origins: Vec<Origin<'a>>,
+    /// South-west corner of the terrain, where scene coordinates begin.
+    corner: [f64; 2],
+}
+
+impl<'a> BoundFormula<'a> {
+    /// Binds a formula; crown shadows are those of `stand` as it is now.
+    pub(crate) fn bind(
+        formula: &'a Written<Formula>,
+        terrain: &'a Layers,
+        stand: &Stand<'_>,
+    ) -> Result<Self, Error> {
+        let reads = formula.value.variables().iter().zip(formula.value.spans());
+        let origin = |(variable, range): (&Variable, &std::ops::Range<usize>)| match variable {
+            Variable::Layer(name) => {
+                Field::layer(terrain, name).map(Origin::Layer).ok_or_else(|| {
+                    let span = formula.span.narrow(range.start + 1..range.end + 1);
+                    Problem::at(span, format!("the terrain has no layer `{name}`"))
+                })
+            }
+            Variable::CrownShadow(name) => Ok(Origin::Shadow(crown_shadow(terrain, stand, name))),
+            Variable::X => Ok(Origin::X),
+            Variable::Y => Ok(Origin::Y),
+        };
+        let origins = reads.map(origin).collect::<Result<_, _>>()?;
+        let corner = [terrain.frame.west, terrain.frame.south];
+        Ok(Self { formula, origins, corner })
+    }
+
+    /// Computes the formula at `count` places given in map coordinates by `place`.
+    pub(crate) fn values(
+        &self,
+        count: usize,
+        place: impl Fn(usize) -> [f64; 2] + Sync,
+    ) -> Vec<f32> {
+        let mut out = vec![0.0; count];
+        out.par_chunks_mut(BLOCK).enumerate().for_each(|(block, out)| {
+            let places: Vec<[f64; 2]> = (0..out.len()).map(|i| place(block * BLOCK + i)).collect();
+            let inputs: Vec<Vec<f32>> =
+                self.origins.iter().map(|origin| self.read(origin, &places)).collect();
+            let inputs: Vec<&[f32]> = inputs.iter().map(Vec::as_slice).collect();
+            self.formula.value.eval_block(&inputs, out);
+        });
+        out
+    }
+
+    /// Computes the formula at places, and complains where it is no number.
+    pub(crate) fn numbers(
+        &self,
+        count: usize,
+        place: impl Fn(usize) -> [f64; 2] + Sync,
+    ) -> Result<Vec<f32>, Error> {
+        let values = self.values(count, &place);
+        match values.iter().position(|value| value.is_nan()) {
+            None => Ok(values),
+            Some(index) => {
+                let [x, y] = place(index);
+                let (x, y) = (x - self.corner[0], y - self.corner[1]);
+                Err(Problem::at(
+                    self.formula.span,
+                    format!("the formula has no value at {x:.1}, {y:.1} (scene coordinates)"),
+                )
+                .hint("guard divisions, roots and logarithms with `max` or `if`")
+                .into())
+            }
+        }
+    }
+
+    fn read(&self, origin: &Origin<'_>, places: &[[f64; 2]]) -> Vec<f32> {
+        let value = |&[x, y]: &[f64; 2]| match origin {
+            Origin::Layer(field) => field.at(x, y),
+            Origin::Shadow(grid) => grid.sample(x, y),
+            Origin::X => (x - self.corner[0]) as f32,
+            Origin::Y => (y - self.corner[1]) as f32,
+        };
+        places.iter().map(value).collect()
+    }
+}
+
+/// A one-band image laid over the terrain.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct ImageField<'a> {
+    image: &'a Image,
+    west: f64,
+    north: f64,
+    pixel_x: f64,
+    pixel_y: f64,
+}
+
+/// Largest relative difference between the aspects of an image and the terrain that is taken
+/// for rounding: a painter who scales 400 m to 1,000 pixels may be off by a few pixels.
+const ASPECT_TOLERANCE: f64 = 0.02;
+
+impl<'a> ImageField<'a> {
+    /// Lays an image over the terrain, by its own georeference or from rim to rim.
+    pub(crate) fn new(
+        path: &Written<String>,
+        image: &'a Image,
+        terrain: &Frame,
+    ) -> Result<Self, Error> {
+        check_image(path, image)?;
+        if let Some(frame) = image.frame {
+            let (west, north) = (frame.west, frame.north());
+            return Ok(Self { image, west, north, pixel_x: frame.cell, pixel_y: frame.cell });
+        }
+        let (width, height) = (image.width as f64, image.height as f64);
+        let (metres_x, metres_y) =
+            (terrain.width as f64 * terrain.cell, terrain.height as f64 * terrain.cell);
+        let distortion = (width / height) / (metres_x / metres_y);
+        if !(1.0 - ASPECT_TOLERANCE..=1.0 + ASPECT_TOLERANCE).contains(&distortion) {
+            let message = format!(
+                "a density image of another size: {} x {} pixels over {metres_x} x {metres_y} m",
+                image.width, image.height
+            );
+            let fitting = (width * metres_y / metres_x).round();
+            return Err(Problem::at(path.span, message)
+                .hint(format!("paint on {width} x {fitting} pixels, or give it a georeference"))
+                .into());
+        }
+        let (pixel_x, pixel_y) = (metres_x / width, metres_y / height);
+        Ok(Self { image, west: terrain.west, north: terrain.north(), pixel_x, pixel_y })
+    }
+
+    /// Returns the mean of the pixels whose centres lie in a square of side `side` about a
+    /// place, or the pixel there when none does; outside the image, 0 (or 1 when inverted: what
+    /// is beyond the paper is white).
+    pub(crate) fn mean(&self, x: f64, y: f64, side: f64) -> f32 {
+        let half = 0.5 * side;
+        let columns = centres((x - half - self.west) / self.pixel_x, side / self.pixel_x);
+        let rows = centres((self.north - y - half) / self.pixel_y, side / self.pixel_y);
+        let columns = clip(columns, self.image.width);
+        let rows = clip(rows, self.image.height);
+        if columns.is_empty() || rows.is_empty() {
+            return self.nearest(x, y);
+        }
+        let count = columns.len() * rows.len();
+        let sum: f64 = rows
+            .flat_map(|row| columns.clone().map(move |column| (column, row)))
+            .map(|(column, row)| f64::from(self.image.values[row * self.image.width + column]))
+            .sum();
+        (sum / count as f64) as f32
+    }
+
+    fn nearest(&self, x: f64, y: f64) -> f32 {
+        let column = ((x - self.west) / self.pixel_x).floor();
+        let row = ((self.north - y) / self.pixel_y).floor();
+        let inside = column >= 0.0
+            && row >= 0.0
+            && column < self.image.width as f64
+            && row < self.image.height as f64;
+        if inside {
+            self.image.values[row as usize * self.image.width + column as usize]
+        } else {
+            0.0
+        }
+    }
+
+    /// Returns whether a place lies on the image.
+    pub(crate) fn covers(&self, x: f64, y: f64) -> bool {
+        let (u, v) = ((x - self.west) / self.pixel_x, (self.north - y) / self.pixel_y);
+        u >= 0.0 && v >= 0.0 && u < self.image.width as f64 && v < self.image.height as f64
+    }
+}
+
+/// Returns the pixels whose centres lie in `start..start + length`, both in pixels.
+fn centres(start: f64, length: f64) -> std::ops::Range<f64> {
+    (start - 0.5).ceil()..(start + length - 0.5).ceil()
+}
+
+fn clip(range: std::ops::Range<f64>, size: usize) -> std::ops::Range<usize> {
+    // Casts from negative floats saturate at 0.
+    (range.start as usize).min(size)..(range.end as usize).min(size)
+}
+
+fn check_image(path: &Written<String>, image: &Image) -> Result<(), Error> {
+    let problem = |message: String| Err(Problem::at(path.span, message).into());
+    if image.width == 0 || image.height == 0 || image.values.len() != image.width * image.height {
+        return problem(format!("the image `{}` has no pixels", path.value));
+    }
+    let bad = image.values.iter().position(|value| !value.is_finite() || *value < 0.0);
+    if let Some(index) = bad {
+        let (column, row) = (index % image.width, index / image.width);
+        let value = image.values[index];
+        return problem(format!(
+            "the density image `{}` holds {value} at column {column}, row {row}; \
+             densities are numbers from 0",
+            path.value
+        ));
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const FRAME: Frame = Frame { width: 8, height: 4, cell: 1.0, west: 100.0, south: 50.0 };
+
+    fn image(width: usize, height: usize) -> Image {
+        let values = (0..width * height).map(|i| i as f32).collect();
+        Image { width, height, values, is_float: false, frame: None }
+    }
+
+    fn path() -> Written<String> {
+        Written { value: "density.png".into(), ..Written::default() }
+    }
+
+    #[test]
+    fn an_image_without_a_map_covers_the_terrain_from_rim_to_rim() {
+        let image = image(4, 2);
+        let field = ImageField::new(&path(), &image, &FRAME).unwrap();
+        // Pixels are 2 m wide; row 0 is the north.
+        assert_eq!(field.mean(101.0, 53.0, 0.1), 0.0);
+        assert_eq!(field.mean(107.9, 50.1, 0.1), 7.0);
+        // A square over the whole terrain holds every pixel once.
+        assert_eq!(field.mean(104.0, 52.0, 8.0), 3.5);
+    }
+
+    #[test]
+    fn an_image_of_another_aspect_is_refused_with_the_size_that_fits() {
+        let image = image(4, 4);
+        let error = ImageField::new(&path(), &image, &FRAME).unwrap_err().to_string();
+        assert!(error.contains("another size") && error.contains("4 x 2 pixels"), "{error}");
+    }
+
+    #[test]
+    fn an_image_with_nan_is_refused_at_its_pixel() {
+        let mut image = image(4, 2);
+        image.values[6] = f32::NAN;
+        let error = ImageField::new(&path(), &image, &FRAME).unwrap_err().to_string();
+        assert!(error.contains("column 2, row 1"), "{error}");
+    }
+}

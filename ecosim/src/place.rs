@@ -1,0 +1,133 @@
+//! Plants placed one by one: a table, or points in the scene.
+
+use crate::Error;
+use crate::attribute::Attributes;
+use crate::config::Place;
+use crate::stand::{Kind, Spot, Stand, fault, settle, stand_on};
+use crate::steps::Site;
+use weald_contract::{Plant, Population, Problem, Span, Written};
+
+/// Adds the plants of the table, then those at the points.
+pub(crate) fn run(place: &Place, site: &Site<'_>, stand: &mut Stand<'_>) -> Result<(), Error> {
+    site.progress.begin("place", 1, "steps");
+    let mut plants = Vec::new();
+    if let Some(path) = &place.plants {
+        plants.extend(from_table(path, site, stand)?);
+    }
+    if let Some(species) = &place.species {
+        plants.extend(from_points(place, species, plants.len() as u64, site, stand)?);
+    }
+    stand.check_room(plants.len() as u64, "placing plants")?;
+    stand.add(plants);
+    site.progress.advance(1);
+    Ok(())
+}
+
+/// Takes over the plants of a table, which get fresh ids in the order of their old ones.
+///
+/// Altitude and lean follow from this terrain; a height or radius of 0 follows from age and
+/// vigor.
+fn from_table(
+    path: &Written<String>,
+    site: &Site<'_>,
+    stand: &mut Stand<'_>,
+) -> Result<Vec<Plant>, Error> {
+    let Some(table) = site.around.plants.get(&path.value) else {
+        let message = format!("the table of plants `{}` was not read", path.value);
+        return Err(Problem::at(path.span, message).into());
+    };
+    let mut rows: Vec<usize> = (0..table.plants.len()).collect();
+    rows.sort_by_key(|&row| (table.plants[row].id, row));
+    let species = species_of_table(path, table, stand)?;
+    let mut plants = Vec::with_capacity(rows.len());
+    for (counter, row) in rows.into_iter().enumerate() {
+        let who = format!("plant {} (row {row}) of `{}`", table.plants[row].id, path.value);
+        let mut plant = table.plants[row];
+        if let Some(wrong) = fault(&plant, species.len()) {
+            return Err(Problem::at(path.span, format!("{who}: {wrong}")).into());
+        }
+        plant.species = species[usize::from(plant.species)];
+        plant.id = site.ids.id(counter as u64);
+        let kind = stand.kind(plant.species);
+        check_place(&who, path.span, [plant.x, plant.y], &kind, site)?;
+        complete(&mut plant, &kind);
+        stand_on(&site.ground, &kind, &mut plant);
+        plants.push(plant);
+    }
+    Ok(plants)
+}
+
+fn species_of_table(
+    path: &Written<String>,
+    table: &Population,
+    stand: &mut Stand<'_>,
+) -> Result<Vec<u16>, Error> {
+    let find = |name: &String| stand.species_of(&Written { value: name.clone(), span: path.span });
+    table.species.iter().map(find).collect()
+}
+
+fn complete(plant: &mut Plant, kind: &Kind<'_>) {
+    if plant.height == 0.0 {
+        plant.height = match plant.radius {
+            0.0 => kind.size.height_at(plant.age, plant.vigor),
+            radius => kind.size.height_of_radius(radius),
+        };
+    }
+    if plant.radius == 0.0 {
+        plant.radius = kind.size.radius_of_height(plant.height);
+    }
+}
+
+/// Makes a plant at each point of `at`; `first` ids of the step are taken.
+fn from_points(
+    place: &Place,
+    species: &Written<String>,
+    first: u64,
+    site: &Site<'_>,
+    stand: &mut Stand<'_>,
+) -> Result<Vec<Plant>, Error> {
+    let index = stand.species_of(species)?;
+    let kind = stand.kind(index);
+    let frame = site.ground.frame();
+    let mut spots = Vec::with_capacity(place.at.len());
+    for (counter, at) in place.at.iter().enumerate() {
+        let [x, y] = [frame.west + at.value[0], frame.south + at.value[1]];
+        check_place(&format!("this {}", species.value), at.span, [x, y], &kind, site)?;
+        spots.push((site.ids.id(first + counter as u64), [x, y]));
+    }
+    let (age, vigor) = (&place.age, &place.vigor);
+    let attributes = Attributes { age, age_noise: 0.0, vigor, vigor_noise: 0.0 };
+    let drawn = attributes.draw(&site.ground, stand, &kind, site.seed, &spots)?;
+    let plant = |(&(id, [x, y]), (age, vigor)): (&(u64, [f64; 2]), (f32, f32))| {
+        let yaw = site.seed.stream("yaw", id).range(0.0, std::f64::consts::TAU) as f32;
+        settle(&site.ground, &kind, index, Spot { id, x, y, age, vigor, yaw })
+    };
+    Ok(spots.iter().zip(drawn).map(plant).collect())
+}
+
+/// Complains of a place off the terrain or in water of the wrong depth.
+///
+/// Steepness is left to the one who places a plant by hand.
+fn check_place(
+    who: &str,
+    span: Span,
+    [x, y]: [f64; 2],
+    kind: &Kind<'_>,
+    site: &Site<'_>,
+) -> Result<(), Error> {
+    let frame = site.ground.frame();
+    if !frame.contains(x, y) {
+        let (width, height) = (frame.east() - frame.west, frame.north() - frame.south);
+        let message = format!("{who} stands off the terrain");
+        let hint = format!("scene coordinates run from 0, 0 to {width}, {height}");
+        return Err(Problem::at(span, message).hint(hint).into());
+    }
+    if !site.ground.is_depth_right(kind.ecology, x, y) {
+        let [least, greatest] = kind.ecology.water_depth;
+        let depth = site.ground.water_depth(x, y);
+        let message = format!("{who} stands where the water is {depth:.2} m deep");
+        let hint = format!("its `water_depth` allows {least} to {greatest} m");
+        return Err(Problem::at(span, message).hint(hint).into());
+    }
+    Ok(())
+}

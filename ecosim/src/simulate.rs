@@ -1,0 +1,461 @@
+//! The multi-species simulation: years of seedlings, growth, competition and death.
+//!
+//! The circle model of [Deussen98]. A year goes as follows:
+//!
+//! 1. plants that have reached the lifespan of their species die of old age;
+//! 2. seedlings arrive, uniformly over the terrain; those live that land where their species
+//!    can stand, with the step's `chance`; each draws its vigor ([`Ecology::vigor`]);
+//! 3. everyone grows a year older and to the radius that `[size]` gives for age and vigor;
+//! 4. where circles intersect, the plant of smaller competitive ability, vigor times radius over
+//!    the species' greatest radius, is dominated and dies with probability 1 - survival.
+//!
+//! Plants of the same species that stand already take part. All chance comes from streams keyed
+//! by plant and year.
+
+use crate::competition::{Circle, Plain, dominators};
+use crate::config::{Edge, Simulate};
+use crate::field::BoundFormula;
+use crate::ground::Ground;
+use crate::ids::{IdSource, Tags};
+use crate::species::Ecology;
+use crate::stand::{Kind, Spot, Stand, settle};
+use crate::steps::Site;
+use crate::{Cause, Death, Error, SummaryRow, Surroundings};
+use rayon::prelude::*;
+use std::f32::consts::TAU;
+use weald_contract::{Plant, Population, Seed, Silent, Size, State};
+
+/// Attempts to find a place for a plant of the start before it is given up.
+const ATTEMPTS: usize = 100;
+/// Longest table of growth by age, years; older plants compute.
+const LONGEST_TABLE: usize = 4096;
+/// Plants whose numbers are added up together; fixed, so that sums do not depend on threads.
+const BATCH: usize = 4096;
+/// Square metres in a hectare.
+const HECTARE: f64 = 1e4;
+
+/// A plant in the simulation.
+#[derive(Clone, Copy, Debug)]
+struct Grower {
+    id: u64,
+    x: f64,
+    y: f64,
+    age: f32,
+    vigor: f32,
+    radius: f32,
+    /// Radius that it approaches as it ages, m.
+    full_radius: f32,
+    /// Index into the participants.
+    who: u16,
+    state: State,
+    /// Whether it stood before the simulation began.
+    is_settler: bool,
+}
+
+/// A species in the simulation.
+#[derive(Debug)]
+struct Participant<'a> {
+    /// Index in the population.
+    species: u16,
+    kind: Kind<'a>,
+    /// Radius at each whole age as a part of the full radius.
+    growth: Vec<f32>,
+}
+
+impl<'a> Participant<'a> {
+    fn new(species: u16, kind: Kind<'a>) -> Self {
+        let years = (kind.size.lifespan.ceil() as usize + 2).min(LONGEST_TABLE);
+        let growth = (0..years).map(|age| part_grown(kind.size, age as f32)).collect();
+        Self { species, kind, growth }
+    }
+
+    /// Returns the radius at an age: the table holds what `[size]` gives, since radius is a
+    /// power of height and height a product of parts for age and for vigor.
+    fn radius(&self, age: f32, full_radius: f32) -> f32 {
+        let row = if age.fract() == 0.0 { self.growth.get(age as usize) } else { None };
+        full_radius * row.copied().unwrap_or_else(|| part_grown(self.kind.size, age))
+    }
+
+    fn full_radius(&self, vigor: f32) -> f32 {
+        self.kind.size.radius_at(f32::INFINITY, vigor)
+    }
+
+    fn ability(&self, plant: &Grower) -> f32 {
+        plant.vigor * (plant.radius / self.kind.size.crown_radius)
+    }
+}
+
+fn part_grown(size: &Size, age: f32) -> f32 {
+    size.radius_at(age, 1.0) / size.radius_at(f32::INFINITY, 1.0)
+}
+
+/// What happened to one species in one year.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Year {
+    /// Plants alive at the end.
+    pub alive: u64,
+    /// Seedlings that took hold.
+    pub births: u64,
+    /// Deaths under a stronger plant.
+    pub dominated: u64,
+    /// Deaths of old age.
+    pub old: u64,
+    /// Sum of the radii of those alive, m.
+    pub radius_sum: f64,
+    /// Sum of the areas of their circles, m².
+    pub area_sum: f64,
+}
+
+/// A simulation that can be stepped year by year.
+pub struct Simulation<'a> {
+    ground: Ground<'a>,
+    participants: Vec<Participant<'a>>,
+    chance: Option<BoundFormula<'a>>,
+    rules: &'a Simulate,
+    seed: Seed,
+    ids: IdSource,
+    /// Seeds sown so far, with those that did not take hold: the next id's counter.
+    sown: u64,
+    year: u32,
+    growers: Vec<Grower>,
+    deaths: Vec<Death>,
+}
+
+impl<'a> Simulation<'a> {
+    /// Begins a simulation on bare ground, with the plants that the step sows at the start.
+    ///
+    /// # Errors
+    /// An unknown species, or a terrain without what the step's formula reads.
+    pub fn new(rules: &'a Simulate, around: &Surroundings<'a>, seed: Seed) -> Result<Self, Error> {
+        let mut stand = Stand::new(around, None, u64::MAX)?;
+        let ids = Tags::default().take(None, 0);
+        let ground = Ground::new(around.terrain)?;
+        let site = Site { ground, around: *around, seed, ids, progress: &Silent };
+        Self::begin(rules, &site, &mut stand)
+    }
+
+    fn begin(rules: &'a Simulate, site: &Site<'a>, stand: &mut Stand<'a>) -> Result<Self, Error> {
+        let mut participants = Vec::new();
+        for name in &rules.species {
+            let species = stand.species_of(name)?;
+            participants.push(Participant::new(species, stand.kind(species)));
+        }
+        let bind = |formula| BoundFormula::bind(formula, site.around.terrain, stand);
+        let mut simulation = Self {
+            ground: site.ground.clone(),
+            chance: rules.chance.as_ref().map(bind).transpose()?,
+            participants,
+            rules,
+            seed: site.seed,
+            ids: site.ids,
+            sown: 0,
+            year: stand.year,
+            growers: Vec::new(),
+            deaths: Vec::new(),
+        };
+        simulation.admit(&stand.population);
+        Ok(simulation)
+    }
+
+    /// Takes in the plants that stand already.
+    fn admit(&mut self, population: &Population) {
+        for plant in &population.plants {
+            let species = |p: &Participant<'_>| p.species == plant.species;
+            let Some(who) = self.participants.iter().position(species) else { continue };
+            self.growers.push(Grower {
+                id: plant.id,
+                x: plant.x,
+                y: plant.y,
+                age: plant.age,
+                vigor: plant.vigor,
+                radius: plant.radius,
+                full_radius: self.participants[who].full_radius(plant.vigor),
+                who: who as u16,
+                state: plant.state,
+                is_settler: true,
+            });
+        }
+    }
+
+    /// Returns the number of plants alive.
+    pub fn len(&self) -> usize {
+        self.growers.len()
+    }
+
+    /// Returns whether nothing grows.
+    pub fn is_empty(&self) -> bool {
+        self.growers.is_empty()
+    }
+
+    /// Returns the circles of the plants: those found at the start by id, then by arrival.
+    pub fn circles(&self) -> Vec<Circle> {
+        let (west, south) = (self.ground.frame().west, self.ground.frame().south);
+        let circle = |plant: &Grower| Circle {
+            x: plant.x - west,
+            y: plant.y - south,
+            radius: plant.radius,
+            ability: self.participants[usize::from(plant.who)].ability(plant),
+        };
+        self.growers.par_iter().map(circle).collect()
+    }
+
+    /// Sows the plants of the start; those that find no place in [`ATTEMPTS`] are given up.
+    pub fn sow(&mut self) -> Vec<Year> {
+        let mut years = vec![Year::default(); self.participants.len()];
+        for (who, year) in years.iter_mut().enumerate() {
+            let first = self.sown;
+            self.sown += u64::from(self.rules.initial);
+            let ids = self.ids;
+            let sown: Vec<Grower> = (0..self.rules.initial)
+                .into_par_iter()
+                .filter_map(|n| self.settler(who, ids.id(first + u64::from(n))))
+                .collect();
+            year.births = sown.len() as u64;
+            self.growers.extend(sown);
+        }
+        self.count(&mut years);
+        years
+    }
+
+    fn settler(&self, who: usize, id: u64) -> Option<Grower> {
+        let ecology = self.participants[who].kind.ecology;
+        let mut stream = self.seed.stream("settler", id);
+        let places = std::iter::repeat_with(|| self.anywhere(&mut stream)).take(ATTEMPTS);
+        let [x, y] = places.into_iter().find(|&[x, y]| self.ground.bears(ecology, x, y))?;
+        let [youngest, oldest] = self.rules.initial_age.map(f64::from);
+        let age = self.seed.stream("age", id).range(youngest, oldest + 1.0).floor();
+        Some(self.grower(who, id, [x, y], age.min(oldest) as f32))
+    }
+
+    fn anywhere(&self, stream: &mut weald_contract::Stream) -> [f64; 2] {
+        let frame = self.ground.frame();
+        [stream.range(frame.west, frame.east()), stream.range(frame.south, frame.north())]
+    }
+
+    fn grower(&self, who: usize, id: u64, [x, y]: [f64; 2], age: f32) -> Grower {
+        let participant = &self.participants[who];
+        let moisture = self.ground.soil_moisture(x, y);
+        let vigor = participant.kind.ecology.vigor(moisture, self.seed, id);
+        let full_radius = participant.full_radius(vigor);
+        let radius = participant.radius(age, full_radius);
+        let (who, state, is_settler) = (who as u16, State::Free, false);
+        Grower { id, x, y, age, vigor, radius, full_radius, who, state, is_settler }
+    }
+
+    /// Lives through one year and says what happened to each species.
+    ///
+    /// # Errors
+    /// When the step's `chance` has no value somewhere.
+    pub fn step(&mut self) -> Result<Vec<Year>, Error> {
+        self.year += 1;
+        let mut years = vec![Year::default(); self.participants.len()];
+        self.die_of_age(&mut years);
+        self.germinate(&mut years)?;
+        self.grow_older();
+        self.compete(&mut years);
+        self.count(&mut years);
+        Ok(years)
+    }
+
+    fn die_of_age(&mut self, years: &mut [Year]) {
+        let is_old = |plant: &Grower| {
+            plant.age >= self.participants[usize::from(plant.who)].kind.size.lifespan
+        };
+        let doomed: Vec<Option<Option<u64>>> =
+            self.growers.par_iter().map(|plant| is_old(plant).then_some(None)).collect();
+        self.bury(&doomed, Cause::Old, |who| years[who].old += 1);
+    }
+
+    /// Removes the plants with an entry, which may name a killer.
+    fn bury(&mut self, doomed: &[Option<Option<u64>>], cause: Cause, mut tally: impl FnMut(usize)) {
+        for (plant, fate) in self.growers.iter().zip(doomed) {
+            let Some(killer) = *fate else { continue };
+            let who = usize::from(plant.who);
+            tally(who);
+            let (id, step) = (plant.id, self.year);
+            let species = self.participants[who].species;
+            self.deaths.push(Death { id, species, step, cause, killer });
+        }
+        let mut fates = doomed.iter();
+        self.growers.retain(|_| fates.next().is_none_or(Option::is_none));
+    }
+
+    fn germinate(&mut self, years: &mut [Year]) -> Result<(), Error> {
+        for (who, year) in years.iter_mut().enumerate() {
+            let ecology = self.participants[who].kind.ecology;
+            let expected = f64::from(ecology.seedlings) * self.ground.area() / HECTARE;
+            let mut stream = self.seed.part("seeds", u64::from(self.year)).stream("", who as u64);
+            let count = (expected + stream.unit()).floor() as u64;
+            let landed = self.land(ecology, self.sown, count);
+            self.sown += count;
+            let taken = self.take_hold(landed)?;
+            let born: Vec<Grower> =
+                taken.into_par_iter().map(|(id, place)| self.grower(who, id, place, 0.0)).collect();
+            year.births += born.len() as u64;
+            self.growers.extend(born);
+        }
+        Ok(())
+    }
+
+    /// Returns the seeds, of those numbered from `first`, that land where the species can stand.
+    fn land(&self, ecology: &Ecology, first: u64, count: u64) -> Vec<(u64, [f64; 2])> {
+        (first..first + count)
+            .into_par_iter()
+            .filter_map(|counter| {
+                let id = self.ids.id(counter);
+                let [x, y] = self.anywhere(&mut self.seed.stream("seedling", id));
+                self.ground.bears(ecology, x, y).then_some((id, [x, y]))
+            })
+            .collect()
+    }
+
+    /// Returns the seeds that the step's `chance` lets live.
+    fn take_hold(&self, landed: Vec<(u64, [f64; 2])>) -> Result<Vec<(u64, [f64; 2])>, Error> {
+        let Some(chance) = &self.chance else { return Ok(landed) };
+        let chances = chance.numbers(landed.len(), |index| landed[index].1)?;
+        let drawn = |id: u64| self.seed.stream("chance", id).unit() as f32;
+        let kept = landed.into_iter().zip(chances).filter(|((id, _), chance)| drawn(*id) < *chance);
+        Ok(kept.map(|(seed, _)| seed).collect())
+    }
+
+    fn grow_older(&mut self) {
+        let participants = &self.participants;
+        self.growers.par_iter_mut().with_min_len(BATCH).for_each(|plant| {
+            plant.age += 1.0;
+            let grown = participants[usize::from(plant.who)].radius(plant.age, plant.full_radius);
+            // A plant handed in larger than its age says keeps its size until it has caught up.
+            plant.radius = plant.radius.max(grown);
+        });
+    }
+
+    fn compete(&mut self, years: &mut [Year]) {
+        let luck = self.seed.part("survival", u64::from(self.year));
+        let (growers, participants) = (&self.growers, &self.participants);
+        let survives = |index: usize| {
+            let plant: &Grower = &growers[index];
+            let survival = participants[usize::from(plant.who)].kind.ecology.survival;
+            luck.stream("", plant.id).unit() < f64::from(survival)
+        };
+        let frame = self.ground.frame();
+        let plain = match self.rules.edge {
+            Edge::Open => Plain::Open,
+            Edge::Torus => Plain::Torus([frame.east() - frame.west, frame.north() - frame.south]),
+        };
+        let stronger = dominators(&self.circles(), plain, self.rules.order, survives);
+        let fate = |(index, stronger): (usize, &Option<u32>)| {
+            let killer = growers[(*stronger)? as usize].id;
+            (!survives(index)).then_some(Some(killer))
+        };
+        let doomed: Vec<Option<Option<u64>>> = stronger.par_iter().enumerate().map(fate).collect();
+        self.mark(&stronger);
+        self.bury(&doomed, Cause::Dominated, |who| years[who].dominated += 1);
+    }
+
+    /// Notes how each plant stands after competition.
+    fn mark(&mut self, stronger: &[Option<u32>]) {
+        let participants = &self.participants;
+        self.growers.par_iter_mut().zip(stronger).for_each(|(plant, stronger)| {
+            let lifespan = participants[usize::from(plant.who)].kind.size.lifespan;
+            plant.state = match stronger {
+                _ if plant.age >= lifespan => State::Old,
+                Some(_) => State::Dominated,
+                None => State::Free,
+            };
+        });
+    }
+
+    /// Fills in what is alive.
+    fn count(&self, years: &mut [Year]) {
+        let tally = |batch: &[Grower]| {
+            let mut sums = vec![(0u64, 0.0f64, 0.0f64); self.participants.len()];
+            for plant in batch {
+                let (alive, radii, areas) = &mut sums[usize::from(plant.who)];
+                let radius = f64::from(plant.radius);
+                *alive += 1;
+                *radii += radius;
+                *areas += std::f64::consts::PI * radius * radius;
+            }
+            sums
+        };
+        let batches: Vec<_> = self.growers.par_chunks(BATCH).map(tally).collect();
+        for (who, (alive, radii, areas)) in
+            batches.iter().flat_map(|sums| sums.iter().copied().enumerate())
+        {
+            years[who].alive += alive;
+            years[who].radius_sum += radii;
+            years[who].area_sum += areas;
+        }
+    }
+}
+
+/// Runs the step and puts its plants into the stand.
+pub(crate) fn run<'a>(
+    rules: &'a Simulate,
+    site: &Site<'a>,
+    stand: &mut Stand<'a>,
+) -> Result<(), Error> {
+    site.progress.begin("simulate", u64::from(rules.years.value), "years");
+    let mut simulation = Simulation::begin(rules, site, stand)?;
+    let bystanders = (stand.population.len() - simulation.len()) as u64;
+    let start = simulation.sow();
+    if stand.summary.is_empty() || start.iter().any(|year| year.births > 0) {
+        record(&simulation, &start, stand);
+    }
+    for _ in 0..rules.years.value {
+        site.check_cancelled()?;
+        let years = simulation.step()?;
+        let in_all = simulation.len() as u64 + bystanders;
+        stand.check_room(in_all.saturating_sub(stand.population.len() as u64), "the simulation")?;
+        record(&simulation, &years, stand);
+        site.progress.advance(1);
+    }
+    hand_over(simulation, site, stand);
+    Ok(())
+}
+
+fn record(simulation: &Simulation<'_>, years: &[Year], stand: &mut Stand<'_>) {
+    let area = simulation.ground.area();
+    let rows = simulation.participants.iter().zip(years).map(|(participant, year)| SummaryRow {
+        step: simulation.year,
+        species: participant.species,
+        alive: year.alive,
+        births: year.births,
+        dominated: year.dominated,
+        old: year.old,
+        mean_radius: (year.radius_sum / (year.alive as f64).max(1.0)) as f32,
+        cover: (year.area_sum / area) as f32,
+    });
+    stand.summary.extend(rows);
+}
+
+/// Puts what the simulation left into the stand: settlers changed or removed, others added.
+fn hand_over(simulation: Simulation<'_>, site: &Site<'_>, stand: &mut Stand<'_>) {
+    stand.year = simulation.year;
+    let took_part = |plant: &Plant| {
+        simulation.participants.iter().any(|participant| participant.species == plant.species)
+    };
+    // Growers and plants are both sorted by id, settlers being found in one walk.
+    let mut settlers = simulation.growers.iter().filter(|plant| plant.is_settler).peekable();
+    let mut keep = Vec::with_capacity(stand.population.len());
+    for plant in &mut stand.population.plants {
+        let survivor = settlers.next_if(|grower| grower.id == plant.id);
+        keep.push(survivor.is_some() || !took_part(plant));
+        if let Some(grower) = survivor {
+            let size = simulation.participants[usize::from(grower.who)].kind.size;
+            plant.height = plant.height.max(size.height_at(grower.age, grower.vigor));
+            (plant.age, plant.radius, plant.state) = (grower.age, grower.radius, grower.state);
+        }
+    }
+    stand.keep(&keep);
+    let newcomer = |grower: &Grower| {
+        let participant = &simulation.participants[usize::from(grower.who)];
+        let yaw = site.seed.stream("yaw", grower.id).unit() as f32 * TAU;
+        let &Grower { id, x, y, age, vigor, .. } = grower;
+        let spot = Spot { id, x, y, age, vigor, yaw };
+        let plant = settle(&site.ground, &participant.kind, participant.species, spot);
+        Plant { radius: grower.radius, state: grower.state, ..plant }
+    };
+    let newcomers: Vec<&Grower> = simulation.growers.iter().filter(|g| !g.is_settler).collect();
+    stand.add(newcomers.par_iter().map(|grower| newcomer(grower)).collect());
+    stand.deaths.extend(simulation.deaths);
+}

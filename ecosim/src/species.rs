@@ -1,0 +1,99 @@
+//! How a species lives: the table `[ecology]` of its file.
+
+use weald_contract::{Seed, table};
+
+table! {
+    /// How a species comes, competes and dies.
+    ///
+    /// The five traits of the multi-species model of [Deussen98]: new plants, size (in `[size]`),
+    /// growth, survival under domination, preference for wet or dry ground; and where the
+    /// species cannot stand at all.
+    pub struct Ecology {
+        /// Seedlings per hectare and year.
+        seedlings: f32 = 20.0, in 0.0..=1000000.0;
+        /// Probability to live on through a year under a stronger plant: shade tolerance.
+        survival: f32 = 0.3, in 0.0..=1.0;
+        /// Soil moisture it likes best, from -1 (driest) over 0 (middling) to 1 (wettest).
+        wet_preference: f32 = 0.0, in -1.0..=1.0;
+        /// How wide a range of soil moisture suits it: standard deviation of its response.
+        wet_tolerance: f32 = 0.35, in 0.01..=100.0;
+        /// Least and greatest depth of water it stands in, m.
+        water_depth: [f32; 2] = [0.0, 0.0], in 0.0..=100.0;
+        /// Steepest ground it stands on, degrees.
+        slope_max_deg: f32 = 60.0, in 0.0..=90.0;
+        /// Weight of the vertical against the ground's normal in the plant's axis.
+        upright: f32 = 1.0, in 0.0..=1.0;
+        /// Largest part of its vigor that chance takes from a plant.
+        growth_spread: f32 = 0.2, in 0.0..=1.0;
+    }
+}
+
+impl Default for Ecology {
+    fn default() -> Self {
+        Self {
+            seedlings: 20.0,
+            survival: 0.3,
+            wet_preference: 0.0,
+            wet_tolerance: 0.35,
+            water_depth: [0.0, 0.0],
+            slope_max_deg: 60.0,
+            upright: 1.0,
+            growth_spread: 0.2,
+        }
+    }
+}
+
+impl Ecology {
+    /// Returns how well soil of this moisture (0 to 1) suits the species, 0 to 1.
+    ///
+    /// A Gaussian response along the gradient, the usual first model of a species' optimum
+    /// [Gauch72]: `s(m) = exp(-(m - o)² / (2 b²))`, with the optimum
+    /// `o = (1 + wet_preference) / 2` and the breadth `b = wet_tolerance`.
+    pub fn suitability(&self, moisture: f32) -> f32 {
+        let optimum = 0.5 * (1.0 + self.wet_preference);
+        let off = (moisture.clamp(0.0, 1.0) - optimum) / self.wet_tolerance;
+        libm::expf(-0.5 * off * off)
+    }
+
+    /// Returns the vigor of one plant on soil of this moisture.
+    ///
+    /// The paper asks for "a randomized function of the water concentration at the plant
+    /// location and the plant's preference" [Deussen98] without giving it. Ours is
+    /// `vigor = s(m) (1 - growth_spread u)`, with [`Ecology::suitability`] `s` and `u` uniform
+    /// in [0, 1) from the plant's own stream, so that it never exceeds 1.
+    pub fn vigor(&self, moisture: f32, seed: Seed, id: u64) -> f32 {
+        let chance = seed.stream("vigor", id).unit() as f32;
+        self.suitability(moisture) * (1.0 - self.growth_spread * chance)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use weald_contract::{FromToml, Value};
+
+    #[test]
+    fn default_values_are_those_of_an_empty_table() {
+        let empty = Value::parse(0, "").unwrap();
+        assert_eq!(Ecology::from_toml(&empty, &mut Vec::new()), Some(Ecology::default()));
+    }
+
+    #[test]
+    fn suitability_peaks_at_the_preferred_moisture_and_falls_as_a_gaussian() {
+        let wet = Ecology { wet_preference: 0.6, wet_tolerance: 0.2, ..Ecology::default() };
+        assert_eq!(wet.suitability(0.8), 1.0);
+        // One standard deviation off: exp(-1/2).
+        assert!((wet.suitability(0.6) - 0.606_530_7).abs() < 1e-5);
+        assert!((wet.suitability(1.0) - wet.suitability(0.6)).abs() < 1e-6);
+    }
+
+    #[test]
+    fn chance_takes_at_most_the_spread_from_vigor() {
+        let ecology = Ecology { growth_spread: 0.5, ..Ecology::default() };
+        let vigors: Vec<f32> = (0..1000).map(|id| ecology.vigor(0.5, Seed(3), id)).collect();
+        assert!(vigors.iter().all(|v| (0.5..=1.0).contains(v)));
+        let mean = vigors.iter().sum::<f32>() / 1000.0;
+        // Mean of 1 - u/2 is 3/4; standard error 0.5 / sqrt(12 · 1000) = 0.0046, five of them.
+        assert!((mean - 0.75).abs() < 0.023, "{mean}");
+    }
+}

@@ -1,0 +1,66 @@
+//! The list of steps, run in order.
+
+use crate::config::{Config, Step};
+use crate::ground::Ground;
+use crate::ids::{IdSource, Tags};
+use crate::stand::Stand;
+use crate::{Error, Outcome, Surroundings, clear, halftone, place, relax, simulate};
+use weald_contract::{Population, Progress, Seed};
+
+/// What every step reads.
+pub(crate) struct Site<'a> {
+    pub(crate) ground: Ground<'a>,
+    pub(crate) around: Surroundings<'a>,
+    /// Root of this step's chance.
+    pub(crate) seed: Seed,
+    /// Ids of the plants that this step creates.
+    pub(crate) ids: IdSource,
+    pub(crate) progress: &'a dyn Progress,
+}
+
+impl Site<'_> {
+    /// Gives an error when the user asked to stop.
+    pub(crate) fn check_cancelled(&self) -> Result<(), Error> {
+        if self.progress.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
+    }
+}
+
+/// Runs the steps on the plants of `start`, or on bare ground.
+///
+/// # Errors
+/// The first problem met, at the place in the scene where it was written; or
+/// [`Error::Cancelled`] when `progress` asks to stop. [`Config::check`] finds many problems
+/// without any work, and all of them at once.
+pub fn grow(
+    config: &Config,
+    around: &Surroundings<'_>,
+    start: Option<&Population>,
+    seed: Seed,
+    progress: &dyn Progress,
+) -> Result<Outcome, Error> {
+    let layers: Vec<&str> = around.terrain.layers.keys().map(String::as_str).collect();
+    if let Some(problem) = config.check(around.species, &layers).into_iter().next() {
+        return Err(problem.into());
+    }
+    let mut stand = Stand::new(around, start, config.max_plants)?;
+    let mut tags = Tags::beside(stand.population.plants.iter().map(|plant| plant.id));
+    let ground = Ground::new(around.terrain)?;
+    for (ordinal, step) in config.step.iter().enumerate().filter(|(_, s)| s.common.enabled) {
+        let ids = tags.take(step.common.name.as_deref(), ordinal);
+        let seed = seed.part("ecosim", ids.tag);
+        let site = Site { ground: ground.clone(), around: *around, seed, ids, progress };
+        site.check_cancelled()?;
+        run(&step.variant, &site, &mut stand)?;
+    }
+    Ok(stand.finish())
+}
+
+fn run<'a>(step: &'a Step, site: &Site<'a>, stand: &mut Stand<'a>) -> Result<(), Error> {
+    match step {
+        Step::Halftone(halftone) => halftone::run(halftone, site, stand),
+        Step::Simulate(simulate) => simulate::run(simulate, site, stand),
+        Step::Place(place) => place::run(place, site, stand),
+        Step::Relax(relax) => relax::run(relax, site, stand),
+        Step::Clear(clear) => clear::run(clear, site, stand),
+    }
+}

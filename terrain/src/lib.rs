@@ -1,1 +1,85 @@
-//! stub
+//! Elevation models to terrain layers: a stack of operators, water and soil.
+//!
+//! Altitude comes from an elevation model and passes through an ordered list of operators, each
+//! confined by a mask in [0, 1], as layers do in a paint program [Deussen98, §3]:
+//! `out = lerp(in, op(in), mask)`. When the list is done, water stands in its hollows, rain runs
+//! over the ground and soaks into it, and the layers that plants care about are derived.
+//!
+//! All lengths are metres in scene coordinates (from the terrain's south-west corner), never
+//! cells, so that the same list shapes a coarse grid and a finer patch around a view alike.
+
+mod config;
+pub mod derive;
+mod detail;
+pub mod flow;
+mod import;
+mod lattice;
+mod mask;
+mod nearest;
+mod noise;
+mod operator;
+pub mod rain;
+mod resample;
+mod spline;
+mod stack;
+mod stream;
+mod water;
+
+pub use config::{Config, Detail, LayerCommon, Water};
+pub use mask::{Disc, Line, Mask, Masks, NoiseMask};
+pub use noise::{Fractal, NoiseKind, NoiseShape};
+pub use operator::{Blend, Clamp, Flatten, Lake, Noise, Offset, Operator, Scale, Smooth, Terrace};
+pub use stream::StreamCut;
+
+use std::collections::BTreeMap;
+use weald_contract::{Image, Layers, Problem, Progress, Raster, Seed, View};
+
+/// Raised whenever the same configuration gives other bytes than before.
+pub const OUTPUT_VERSION: u32 = 1;
+
+/// Why no terrain came out.
+#[derive(Debug, thiserror::Error)]
+pub enum Error {
+    /// Something in the scene or its files cannot be used.
+    #[error(transparent)]
+    Problem(#[from] Problem),
+    /// The user asked to stop.
+    #[error("stopped before the terrain was done")]
+    Cancelled,
+}
+
+/// Builds a terrain: the layers of the whole ground, and finer patches where `config` asks.
+///
+/// `elevation` is the opened `config.source`; `images` holds the opened mask images by their path
+/// as written. Layers: `altitude`, `filled`, `slope`, `aspect`, `upslope_area`, `wetness`,
+/// `water_depth`, `soil_moisture`, each with unit and definition.
+///
+/// # Errors
+/// The first [`Problem`] of [`Config::check`], or what only the data can show: an elevation model
+/// in degrees, without data or of absurd size; a lake above its hollow's rim; an image of another
+/// shape. [`Error::Cancelled`] when `progress` says so.
+pub fn build(
+    config: &Config,
+    elevation: &Raster,
+    images: &BTreeMap<String, Image>,
+    views: &[View],
+    seed: Seed,
+    progress: &dyn Progress,
+) -> Result<Layers, Error> {
+    if let Some(problem) = config.check(views).into_iter().next() {
+        return Err(problem.into());
+    }
+    let ground = import::ground(config, elevation, progress)?;
+    let map = mask::Map { frame: ground.frame, images };
+    let shaped = stack::shape(config, &ground, &map, seed, progress)?;
+    let hydrology = water::settle(config, &shaped, progress)?;
+    let mut layers = water::layers(&ground, &shaped, &hydrology, &elevation.crs);
+    let patches = detail::Patches { ground: &ground, shaped: &shaped, map: &map, views };
+    layers.detail = patches.build(config, &hydrology, &layers, progress)?;
+    Ok(layers)
+}
+
+/// `Err(Cancelled)` when the user asked to stop.
+fn check_cancelled(progress: &dyn Progress) -> Result<(), Error> {
+    if progress.is_cancelled() { Err(Error::Cancelled) } else { Ok(()) }
+}

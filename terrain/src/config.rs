@@ -1,0 +1,155 @@
+//! The `[terrain]` table: what a scene says about its ground.
+
+use crate::mask::Masks;
+use crate::operator::{Blend, Operator};
+use weald_contract::table::Tagged;
+use weald_contract::{Input, InputKind, Problem, Problems, View, Written, table};
+
+table! {
+    /// `[terrain]`: an elevation model, the operators that shape it, and its water.
+    pub struct Config {
+        /// Elevation model: GeoTIFF, ESRI ASCII, 16-bit PNG or EXR, in metres.
+        source: Written<String>;
+        /// Side of a cell, m. Without it, that of the source.
+        cell: Option<Written<f64>> = None, in 0.001..=100000.0;
+        /// Operators, first to last.
+        op: Vec<Tagged<LayerCommon, Operator>> = Vec::new();
+        /// Rain and soil.
+        water: Water = Water::default();
+        /// Finer patches around views.
+        detail: Vec<Detail> = Vec::new();
+    }
+}
+
+table! {
+    /// What every operator of the stack has.
+    pub struct LayerCommon {
+        /// Name, for messages; chance in the operator hangs on it instead of on its position.
+        name: Option<String> = None;
+        /// Whether the operator acts.
+        enabled: bool = true;
+        /// Where it acts; everywhere without one. Several in a list multiply.
+        mask: Masks = Masks::default();
+        /// How the result joins the ground that was there.
+        blend: Blend = Blend::Replace;
+        /// Factor on the mask.
+        strength: f64 = 1.0, in 0.0..=1.0;
+    }
+}
+
+table! {
+    /// `[terrain.water]`: how much rain falls and what the soil does with it.
+    pub struct Water {
+        /// Rain that plants live on, m of water.
+        rain: f64 = 0.8, in 0.0..=100.0;
+        /// Share of the rain that the soil absorbs where it falls; the rest runs downhill.
+        absorbed: f64 = 0.3, in 0.0..=1.0;
+        /// Water that level soil holds when saturated, m.
+        capacity: f64 = 0.5, in 0.001..=100.0;
+        /// Way on which running water loses all but 1/e of itself to the soil, m.
+        seepage: f64 = 60.0, in 0.01..=1000000.0;
+        /// Distance over which soil water evens out sideways (standard deviation), m.
+        spread: f64 = 2.0, in 0.0..=1000.0;
+        /// Height above open water at which its wetting of the soil has fallen to 1/e, m.
+        fringe: f64 = 0.5, in 0.0..=1000.0;
+        /// Distance from open water at which its wetting of the soil ends, m.
+        fringe_reach: f64 = 25.0, in 0.0..=10000.0;
+        /// Whether rain that collects in hollows stands there as water.
+        ponds: bool = false;
+    }
+}
+
+impl Default for Water {
+    fn default() -> Self {
+        Self {
+            rain: 0.8,
+            absorbed: 0.3,
+            capacity: 0.5,
+            seepage: 60.0,
+            spread: 2.0,
+            fringe: 0.5,
+            fringe_reach: 25.0,
+            ponds: false,
+        }
+    }
+}
+
+table! {
+    /// `[[terrain.detail]]`: a square of finer ground around the place where a view stands.
+    pub struct Detail {
+        /// Name of the view.
+        view: Written<String>;
+        /// Side of a cell, m; smaller than that of the terrain.
+        cell: Written<f64> = Written { value: 0.25, span: weald_contract::Span::default() }, in 0.001..=100000.0;
+        /// Half the side of the square, m.
+        radius: f64 = 60.0, in 0.1..=100000.0;
+    }
+}
+
+impl Config {
+    /// Files that this table names: the elevation model and the images of masks.
+    pub fn inputs(&self) -> Vec<Input> {
+        let source = Input {
+            field: "terrain.source".into(),
+            path: self.source.clone(),
+            kind: InputKind::Elevation,
+        };
+        let mut inputs = vec![source];
+        for (index, op) in self.op.iter().enumerate().filter(|(_, op)| op.common.enabled) {
+            let images = op.common.mask.0.iter().filter_map(|mask| mask.image.clone());
+            inputs.extend(images.map(|path| Input {
+                field: format!("terrain.op[{index}].mask.image"),
+                path,
+                kind: InputKind::Image,
+            }));
+        }
+        inputs
+    }
+
+    /// Everything that is wrong and can be told without opening a file.
+    pub fn check(&self, views: &[View]) -> Problems {
+        let mut problems = Vec::new();
+        for op in self.op.iter().filter(|op| op.common.enabled) {
+            op.variant.check(&op.common, &mut problems);
+            op.common.mask.check(&mut problems);
+        }
+        self.check_names(&mut problems);
+        for detail in &self.detail {
+            detail.check(self.cell.as_ref().map(|cell| cell.value), views, &mut problems);
+        }
+        problems
+    }
+
+    /// Names key random streams: two operators of one name would be made of the same noise.
+    fn check_names(&self, problems: &mut Problems) {
+        let names: Vec<&str> = self.op.iter().filter_map(|op| op.common.name.as_deref()).collect();
+        for (index, name) in names.iter().enumerate() {
+            if names[..index].contains(name) {
+                problems.push(
+                    Problem::new(format!("two operators of [[terrain.op]] are named `{name}`"))
+                        .hint("give each its own name"),
+                );
+            }
+        }
+    }
+}
+
+impl Detail {
+    fn check(&self, cell: Option<f64>, views: &[View], problems: &mut Problems) {
+        if !views.iter().any(|view| view.name == self.view.value) {
+            let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+            let problem =
+                Problem::at(self.view.span, format!("there is no view `{}`", self.view.value));
+            problems.push(match names.as_slice() {
+                [] => problem.hint("add a [[view]] with this name"),
+                _ => problem.hint(format!("views here: {}", names.join(", "))),
+            });
+        }
+        if cell.is_some_and(|cell| self.cell.value >= cell) {
+            problems.push(
+                Problem::at(self.cell.span, "a detail's cell must be smaller than the terrain's")
+                    .hint(format!("the terrain has cells of {} m", cell.unwrap_or_default())),
+            );
+        }
+    }
+}

@@ -1,0 +1,170 @@
+//! Layers that follow from altitude alone: slope, aspect, wetness.
+
+use rayon::prelude::*;
+
+/// Rise per metre towards east and towards north.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Gradient {
+    /// dz/dx.
+    pub east: f64,
+    /// dz/dy.
+    pub north: f64,
+}
+
+impl Gradient {
+    /// Tangent of the slope.
+    pub fn tangent(self) -> f64 {
+        (self.east * self.east + self.north * self.north).sqrt()
+    }
+
+    /// Slope, degrees.
+    pub fn slope_deg(self) -> f32 {
+        libm::atan(self.tangent()).to_degrees() as f32
+    }
+
+    /// Direction in which the ground falls, degrees clockwise from north in [0, 360); 0 on level
+    /// ground, which has none.
+    pub fn aspect_deg(self) -> f32 {
+        if self.east == 0.0 && self.north == 0.0 {
+            return 0.0;
+        }
+        let degrees = libm::atan2(-self.east, -self.north).to_degrees() as f32;
+        // The smallest negative angles round to 360 in single precision.
+        let turned = if degrees < 0.0 { degrees + 360.0 } else { degrees };
+        if turned >= 360.0 { 0.0 } else { turned }
+    }
+}
+
+/// Gradient at a cell after Horn: central differences, the nearer of three weighing double
+/// [Horn81, p. 18].
+///
+/// Beyond the rim the ground goes on straight, so that a plane has its own gradient everywhere.
+/// Needs at least 2 × 2 cells.
+pub fn gradient(
+    width: usize,
+    height: usize,
+    cell: f64,
+    altitude: &[f32],
+    column: usize,
+    row: usize,
+) -> Gradient {
+    let inside = column > 0 && row > 0 && column + 1 < width && row + 1 < height;
+    let lines: [[f64; 3]; 3] = if inside {
+        [row - 1, row, row + 1].map(|row| {
+            let line = &altitude[row * width + column - 1..][..3];
+            [f64::from(line[0]), f64::from(line[1]), f64::from(line[2])]
+        })
+    } else {
+        [-1, 0, 1].map(|down| {
+            [-1, 0, 1].map(|right| {
+                let (column, row) = (column as isize + right, row as isize + down);
+                extended(width, height, altitude, column, row)
+            })
+        })
+    };
+    let [[nw, n, ne], [w, _, e], [sw, s, se]] = lines;
+    Gradient {
+        east: ((ne - nw) + 2.0 * (e - w) + (se - sw)) / (8.0 * cell),
+        north: ((nw - sw) + 2.0 * (n - s) + (ne - se)) / (8.0 * cell),
+    }
+}
+
+/// Altitude at a cell or, continued straight, one cell beyond the rim.
+fn extended(width: usize, height: usize, altitude: &[f32], column: isize, row: isize) -> f64 {
+    let along_row = |row: usize| {
+        let value = |column: usize| f64::from(altitude[row * width + column]);
+        straight(width, column, value)
+    };
+    straight(height, row, along_row)
+}
+
+/// `value` at an index in `0..count`, or continued straight to -1 and `count`.
+fn straight(count: usize, index: isize, value: impl Fn(usize) -> f64) -> f64 {
+    match usize::try_from(index) {
+        Err(_) => 2.0 * value(0) - value(1),
+        Ok(index) if index < count => value(index),
+        Ok(_) => 2.0 * value(count - 1) - value(count - 2),
+    }
+}
+
+/// A value for every cell from its gradient.
+pub fn from_gradient(
+    width: usize,
+    height: usize,
+    cell: f64,
+    altitude: &[f32],
+    value: impl Fn(usize, Gradient) -> f32 + Sync,
+) -> Vec<f32> {
+    let mut values = vec![0.0; altitude.len()];
+    values.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
+        for (column, out) in line.iter_mut().enumerate() {
+            let gradient = gradient(width, height, cell, altitude, column, row);
+            *out = value(row * width + column, gradient);
+        }
+    });
+    values
+}
+
+/// Least tangent of slope for the wetness index: level ground would be infinitely wet. A fall of
+/// 1 m in 1 km is about what an elevation model of 1 m cells can tell from none.
+const LEAST_TANGENT: f64 = 1e-3;
+
+/// Topographic wetness index ln(a / tan β) [Beven79]: `a` is the upslope area (m²) per metre of
+/// contour, here one cell's side; β the slope, with tan β at least 0.001.
+pub fn wetness(upslope_area: f64, cell: f64, tangent: f64) -> f32 {
+    libm::log(upslope_area / cell / tangent.max(LEAST_TANGENT)) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const WIDTH: usize = 9;
+    const HEIGHT: usize = 7;
+    const CELL: f64 = 2.0;
+
+    /// z = a x + b y in steps that f32 holds exactly.
+    fn plane(a: f64, b: f64) -> Vec<f32> {
+        let z = |i: usize| {
+            let (column, row) = (i % WIDTH, i / WIDTH);
+            (a * column as f64 * CELL + b * (HEIGHT - 1 - row) as f64 * CELL) as f32
+        };
+        (0..WIDTH * HEIGHT).map(z).collect()
+    }
+
+    #[test]
+    fn a_plane_has_its_own_slope_everywhere_rim_and_corners_included() {
+        for (a, b) in [(0.5, 0.25), (-0.125, 1.0), (0.0, -2.0)] {
+            let altitude = plane(a, b);
+            for i in 0..altitude.len() {
+                let g = gradient(WIDTH, HEIGHT, CELL, &altitude, i % WIDTH, i / WIDTH);
+                assert!((g.east - a).abs() < 1e-6 && (g.north - b).abs() < 1e-6);
+                let expected = f64::hypot(a, b).atan().to_degrees();
+                assert!((f64::from(g.slope_deg()) - expected).abs() < 1e-5);
+            }
+        }
+    }
+
+    #[test]
+    fn aspect_is_where_a_ball_would_roll_clockwise_from_north() {
+        let aspect = |east, north| Gradient { east, north }.aspect_deg();
+        assert_eq!(aspect(0.0, -1.0), 0.0, "falls to the north");
+        assert_eq!(aspect(-1.0, 0.0), 90.0, "falls to the east");
+        assert_eq!(aspect(0.0, 1.0), 180.0);
+        assert_eq!(aspect(1.0, 0.0), 270.0);
+        assert_eq!(aspect(1.0, -1.0), 315.0);
+        assert_eq!(aspect(1e-30, -1.0), 0.0, "a hair west of north is not 360");
+        assert_eq!(aspect(0.0, 0.0), 0.0, "level");
+    }
+
+    #[test]
+    fn wetness_on_a_plane_is_its_formula() {
+        // On a plane falling east, (x + 1) cells drain through column x.
+        let (cell, tangent) = (2.0, 0.05);
+        for x in 0..60 {
+            let area = f64::from(x + 1) * cell * cell;
+            let expected = (f64::from(x + 1) * cell / tangent).ln();
+            assert!((f64::from(wetness(area, cell, tangent)) - expected).abs() < 1e-6);
+        }
+    }
+}

@@ -1,0 +1,482 @@
+//! Where water runs: depression filling, steepest descent, and the area above every cell.
+//!
+//! **Conventions.** Cells touch eight neighbours. The rim is open: a cell on it may always drain
+//! off the grid, and does so unless a neighbour lies lower; it takes part in all flow.
+//!
+//! **Filling** raises every cell to the lowest level at which water could leave it, the minimax
+//! over all paths to the rim: a unique surface that any correct method gives bit for bit. Ours is a
+//! priority flood [Barnes14] that, as in [Zhou16], sends rising slopes past the queue: only a cell
+//! with something lower behind it can matter to the order. The queue is of buckets over altitude
+//! with a small heap in the bucket at work, since floods only ever move on to higher water.
+
+use rayon::prelude::*;
+use std::cmp::Reverse;
+use std::collections::BinaryHeap;
+
+/// Direction codes 0 to 7: east, then clockwise to north-east.
+pub const STEPS: [(isize, isize); 8] =
+    [(1, 0), (1, 1), (0, 1), (-1, 1), (-1, 0), (-1, -1), (0, -1), (1, -1)];
+
+/// Direction code of water that leaves the grid.
+pub const OUT: u8 = 8;
+
+/// One over the distance to each neighbour, in cells.
+const PER_DISTANCE: [f32; 8] = {
+    const D: f32 = std::f32::consts::FRAC_1_SQRT_2;
+    [1.0, D, 1.0, D, 1.0, D, 1.0, D]
+};
+
+/// A filled surface and the way the flood came.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Flood {
+    /// Lowest level from which water can leave each cell, at least the cell's altitude.
+    pub level: Vec<f32>,
+    /// Direction towards the cell from which the flood came, which is no higher; [`OUT`] on the
+    /// rim. Following it leads off the grid from anywhere; it is the drain of level ground.
+    pub toward: Vec<u8>,
+}
+
+/// The index of a cell's neighbour in a direction below 8, in rows of `width`.
+#[inline]
+pub fn neighbor(cell: usize, direction: u8, width: usize) -> usize {
+    let (right, down) = STEPS[direction as usize & 7];
+    cell.wrapping_add_signed(down * width as isize + right)
+}
+
+/// Fills depressions: the exact minimax surface over eight neighbours with an open rim.
+///
+/// `altitude` must be finite and hold `width * height` values, fewer than 2³² of them.
+pub fn fill(width: usize, height: usize, altitude: &[f32]) -> Flood {
+    assert_eq!(altitude.len(), width * height, "altitudes fit the grid");
+    if altitude.is_empty() {
+        return Flood { level: Vec::new(), toward: Vec::new() };
+    }
+    let mut front = Front::new(width, height, altitude);
+    while let Some(cell) = front.queue.pop(&front.level) {
+        front.spread(cell as usize);
+    }
+    front.finish(width, height)
+}
+
+/// Not reached by the flood yet.
+const DRY: u8 = 255;
+
+/// The flood while it rises. Arrays have a border of one cell that counts as flooded, so that the
+/// inner loops need no test for the rim.
+struct Front {
+    /// Altitude of dry cells, level of flooded ones.
+    level: Vec<f32>,
+    toward: Vec<u8>,
+    steps: [isize; 8],
+    queue: Buckets,
+    /// Cells below the current level whose neighbours wait, in order.
+    pool: Vec<u32>,
+    /// Cells just at the current level, likewise; they wait until the pool is full, so that a
+    /// hollow is flooded in one go from one outlet.
+    shelf: Vec<u32>,
+    slope: Vec<u32>,
+}
+
+impl Front {
+    fn new(width: usize, height: usize, altitude: &[f32]) -> Self {
+        let stride = width + 2;
+        let mut level = vec![0.0; stride * (height + 2)];
+        let mut toward = vec![OUT; level.len()];
+        for (row, line) in altitude.chunks_exact(width).enumerate() {
+            let start = (row + 1) * stride + 1;
+            level[start..start + width].copy_from_slice(line);
+            toward[start..start + width].fill(DRY);
+        }
+        let low = altitude.iter().copied().fold(f32::INFINITY, f32::min);
+        let high = altitude.iter().copied().fold(f32::NEG_INFINITY, f32::max);
+        let mut queue = Buckets::new(low, high, altitude.len());
+        for row in 1..=height {
+            let is_end = row == 1 || row == height;
+            let step = if is_end { 1 } else { (width - 1).max(1) };
+            for column in (1..=width).step_by(step) {
+                let cell = row * stride + column;
+                toward[cell] = OUT;
+                queue.push(level[cell], cell as u32);
+            }
+        }
+        let steps = STEPS.map(|(right, down)| down * stride as isize + right);
+        let (pool, shelf, slope) = (Vec::new(), Vec::new(), Vec::new());
+        Self { level, toward, steps, queue, pool, shelf, slope }
+    }
+
+    /// Floods everything that is reached from `start` without rising above its level, and all
+    /// slopes that rise from there.
+    fn spread(&mut self, start: usize) {
+        let level = self.level[start];
+        let (mut pooled, mut shelved) = (0, 0);
+        let mut cell = start;
+        self.pool.clear();
+        self.shelf.clear();
+        loop {
+            for direction in 0..8 {
+                let next = cell.wrapping_add_signed(self.steps[direction]);
+                if self.toward[next] != DRY {
+                    continue;
+                }
+                self.toward[next] = direction as u8 ^ 4;
+                let altitude = self.level[next];
+                if altitude < level {
+                    self.level[next] = level;
+                    self.pool.push(next as u32);
+                } else if altitude == level {
+                    self.shelf.push(next as u32);
+                } else {
+                    self.climb(next);
+                }
+            }
+            if let Some(&next) = self.pool.get(pooled) {
+                cell = next as usize;
+                pooled += 1;
+            } else if let Some(&next) = self.shelf.get(shelved) {
+                cell = next as usize;
+                shelved += 1;
+            } else {
+                return;
+            }
+        }
+    }
+
+    /// Takes whatever rises from a cell: a path that only rises keeps every altitude as it is.
+    /// Cells with dry ground behind that does not rise wait in the queue for their turn.
+    fn climb(&mut self, start: usize) {
+        self.slope.push(start as u32);
+        while let Some(cell) = self.slope.pop() {
+            let altitude = self.level[cell as usize];
+            let mut may_spill = false;
+            for direction in 0..8 {
+                let next = (cell as usize).wrapping_add_signed(self.steps[direction]);
+                if self.toward[next] != DRY {
+                    continue;
+                }
+                if self.level[next] > altitude {
+                    self.toward[next] = direction as u8 ^ 4;
+                    self.slope.push(next as u32);
+                } else {
+                    may_spill = true;
+                }
+            }
+            if may_spill {
+                self.queue.push(altitude, cell);
+            }
+        }
+    }
+
+    fn finish(self, width: usize, height: usize) -> Flood {
+        let stride = width + 2;
+        let mut flood = Flood {
+            level: Vec::with_capacity(width * height),
+            toward: Vec::with_capacity(width * height),
+        };
+        for row in 1..=height {
+            let inner = row * stride + 1..row * stride + 1 + width;
+            flood.level.extend_from_slice(&self.level[inner.clone()]);
+            flood.toward.extend_from_slice(&self.toward[inner]);
+        }
+        flood
+    }
+}
+
+/// A queue of cells by altitude, lowest first, for altitudes that never fall behind the last one
+/// taken.
+struct Buckets {
+    low: f32,
+    per_meter: f32,
+    /// First entry of each bucket's list, or [`END`].
+    heads: Vec<u32>,
+    /// Cell and next entry.
+    entries: Vec<(u32, u32)>,
+    /// First unused entry.
+    free: u32,
+    current: usize,
+    /// Entries of the current bucket by exact altitude, then cell.
+    heap: BinaryHeap<Reverse<u64>>,
+}
+
+const END: u32 = u32::MAX;
+
+/// Cells for which one bucket is made: few enough that a bucket's heap stays in the cache.
+const CELLS_PER_BUCKET: usize = 64;
+
+impl Buckets {
+    fn new(low: f32, high: f32, cells: usize) -> Self {
+        let count = (cells / CELLS_PER_BUCKET).clamp(1, 1 << 20);
+        let per_meter = (count - 1) as f32 / (high - low);
+        Self {
+            low,
+            per_meter: if per_meter.is_finite() { per_meter } else { 0.0 },
+            heads: vec![END; count],
+            entries: Vec::new(),
+            free: END,
+            current: 0,
+            heap: BinaryHeap::new(),
+        }
+    }
+
+    #[inline]
+    fn push(&mut self, altitude: f32, cell: u32) {
+        let bucket = ((altitude - self.low) * self.per_meter) as usize;
+        let bucket = bucket.min(self.heads.len() - 1);
+        if bucket <= self.current {
+            self.heap.push(Reverse(key(altitude, cell)));
+            return;
+        }
+        let entry = (cell, self.heads[bucket]);
+        self.heads[bucket] = match self.entries.get_mut(self.free as usize) {
+            Some(unused) => {
+                let place = self.free;
+                self.free = unused.1;
+                *unused = entry;
+                place
+            }
+            None => {
+                self.entries.push(entry);
+                (self.entries.len() - 1) as u32
+            }
+        };
+    }
+
+    fn pop(&mut self, altitude: &[f32]) -> Option<u32> {
+        while self.heap.is_empty() && self.current + 1 < self.heads.len() {
+            self.current += 1;
+            let mut at = std::mem::replace(&mut self.heads[self.current], END);
+            while at != END {
+                let (cell, next) = self.entries[at as usize];
+                self.heap.push(Reverse(key(altitude[cell as usize], cell)));
+                self.entries[at as usize].1 = self.free;
+                self.free = at;
+                at = next;
+            }
+        }
+        self.heap.pop().map(|Reverse(key)| key as u32)
+    }
+}
+
+/// Altitude and cell as one number that sorts by the first, then the second.
+#[inline]
+fn key(altitude: f32, cell: u32) -> u64 {
+    let bits = altitude.to_bits();
+    let ordered = if bits >> 31 == 0 { bits | 1 << 31 } else { !bits };
+    u64::from(ordered) << 32 | u64::from(cell)
+}
+
+/// Direction in which water leaves every cell: the steepest way down (the first of equally steep
+/// ones, clockwise from east) [OCallaghan84], on level ground the way the flood came.
+pub fn directions(width: usize, height: usize, flood: &Flood) -> Vec<u8> {
+    let level = &flood.level;
+    let mut directions = vec![OUT; level.len()];
+    directions.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
+        let toward = &flood.toward[row * width..][..width];
+        if row > 0 && row + 1 < height && width > 2 {
+            steepest_inside(width, row, level, line);
+            line[0] = steepest_on_rim(width, height, level, 0, row);
+            line[width - 1] = steepest_on_rim(width, height, level, width - 1, row);
+        } else {
+            for (column, out) in line.iter_mut().enumerate() {
+                *out = steepest_on_rim(width, height, level, column, row);
+            }
+        }
+        for (out, toward) in line.iter_mut().zip(toward).filter(|(out, _)| **out == OUT) {
+            *out = *toward;
+        }
+    });
+    directions
+}
+
+/// Steepest directions of a row's inner cells, a direction at a time so that cells share SIMD
+/// lanes.
+fn steepest_inside(width: usize, row: usize, level: &[f32], directions: &mut [u8]) {
+    let inner = width - 2;
+    let center = &level[row * width + 1..][..inner];
+    let mut best = vec![0.0f32; inner];
+    let mut codes = vec![u32::from(OUT); inner];
+    for (direction, (right, down)) in STEPS.iter().enumerate() {
+        let start = (row * width + 1).wrapping_add_signed(down * width as isize + right);
+        let next = &level[start..][..inner];
+        let per_distance = PER_DISTANCE[direction];
+        for i in 0..inner {
+            let fall = (center[i] - next[i]) * per_distance;
+            let is_steeper = fall > best[i];
+            best[i] = if is_steeper { fall } else { best[i] };
+            codes[i] = if is_steeper { direction as u32 } else { codes[i] };
+        }
+    }
+    for (out, code) in directions[1..].iter_mut().zip(codes) {
+        *out = code as u8;
+    }
+}
+
+fn steepest_on_rim(width: usize, height: usize, level: &[f32], column: usize, row: usize) -> u8 {
+    let here = level[row * width + column];
+    let (mut best, mut code) = (0.0, OUT);
+    for (direction, (right, down)) in STEPS.iter().enumerate() {
+        let (Some(x), Some(y)) = (column.checked_add_signed(*right), row.checked_add_signed(*down))
+        else {
+            continue;
+        };
+        if x < width && y < height {
+            let fall = (here - level[y * width + x]) * PER_DISTANCE[direction];
+            if fall > best {
+                (best, code) = (fall, direction as u8);
+            }
+        }
+    }
+    code
+}
+
+/// Adds to every cell what all cells above it hold, along `directions`.
+///
+/// `amounts` of 1 give the number of cells that drain through each, itself included: exact whole
+/// numbers. The directions must lead off the grid from everywhere, as those of [`directions()`] do.
+pub fn accumulate(width: usize, directions: &[u8], mut amounts: Vec<f64>) -> Vec<f64> {
+    /// No cell waits for this one any more.
+    const DONE: u8 = 255;
+    let mut waiting = vec![0u8; directions.len()];
+    for (cell, &direction) in directions.iter().enumerate().filter(|(_, d)| **d < OUT) {
+        waiting[neighbor(cell, direction, width)] += 1;
+    }
+    for start in 0..directions.len() {
+        let mut cell = start;
+        // Walk down as long as nothing else is still to arrive.
+        while waiting[cell] == 0 {
+            waiting[cell] = DONE;
+            if directions[cell] >= OUT {
+                break;
+            }
+            let next = neighbor(cell, directions[cell], width);
+            amounts[next] += amounts[cell];
+            waiting[next] -= 1;
+            cell = next;
+        }
+    }
+    amounts
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn area(width: usize, height: usize, altitude: &[f32]) -> Vec<f64> {
+        let flood = fill(width, height, altitude);
+        let directions = directions(width, height, &flood);
+        accumulate(width, &directions, vec![1.0; altitude.len()])
+    }
+
+    fn grid(width: usize, height: usize, z: impl Fn(usize, usize) -> f64) -> Vec<f32> {
+        (0..width * height).map(|i| z(i % width, i / width) as f32).collect()
+    }
+
+    /// Minimax levels by relaxing every cell until nothing changes.
+    fn minimax(width: usize, height: usize, altitude: &[f32]) -> Vec<f32> {
+        let on_rim = |x, y| x == 0 || y == 0 || x + 1 == width || y + 1 == height;
+        let mut level: Vec<f32> = (0..altitude.len())
+            .map(|i| if on_rim(i % width, i / width) { altitude[i] } else { f32::INFINITY })
+            .collect();
+        loop {
+            let before = level.clone();
+            for i in (0..level.len()).filter(|i| !on_rim(i % width, i / width)) {
+                let lowest = (0..8).map(|d| level[neighbor(i, d, width)]).fold(f32::MAX, f32::min);
+                level[i] = level[i].min(lowest.max(altitude[i]));
+            }
+            if level == before {
+                return level;
+            }
+        }
+    }
+
+    #[test]
+    fn on_a_plane_falling_east_every_cell_drains_all_cells_west_of_it() {
+        let area = area(65, 33, &grid(65, 33, |x, _| -2.0 * x as f64));
+        for (i, cells) in area.iter().enumerate() {
+            assert_eq!(*cells, (i % 65 + 1) as f64);
+        }
+    }
+
+    #[test]
+    fn on_a_plane_falling_south_east_flow_follows_the_diagonals() {
+        let area = area(65, 65, &grid(65, 65, |x, y| -(x as f64) - y as f64));
+        // On the south and east rims there is no diagonal: water runs along them.
+        for (x, y) in (0..64).flat_map(|y| (0..64).map(move |x| (x, y))) {
+            assert_eq!(area[y * 65 + x], (x.min(y) + 1) as f64);
+        }
+    }
+
+    #[test]
+    fn a_v_valley_gathers_whole_rows_in_its_channel() {
+        // Walls steeper than sy / (√2 - 1) send water straight to the channel.
+        let (width, height) = (65, 65);
+        let z = |x: usize, y: usize| 3.0 * x.abs_diff(32) as f64 - y as f64;
+        let area = area(width, height, &grid(width, height, z));
+        for row in 0..height {
+            assert_eq!(area[row * width + 32], ((row + 1) * width) as f64);
+        }
+    }
+
+    #[test]
+    fn a_bowl_with_a_notch_fills_to_the_notch() {
+        let notch = 7.3f32;
+        let mut bowl = grid(41, 41, |x, y| {
+            let (dx, dy) = (x as f64 - 20.0, y as f64 - 20.0);
+            0.02 * (dx * dx + dy * dy)
+        });
+        bowl[20 * 41 + 40] = notch;
+        let flood = fill(41, 41, &bowl);
+        for (level, z) in flood.level.iter().zip(&bowl) {
+            assert_eq!(*level, z.max(notch), "every cell below the notch is under water");
+        }
+    }
+
+    #[test]
+    fn hollows_in_hollows_and_plateaus_drain_completely() {
+        let z = |x: usize, y: usize| ((x / 3 * 7 + y / 4 * 5) % 11) as f64;
+        let altitude = grid(50, 40, z);
+        let flood = fill(50, 40, &altitude);
+        assert_eq!(flood.level, minimax(50, 40, &altitude));
+        let directions = directions(50, 40, &flood);
+        let area = accumulate(50, &directions, vec![1.0; altitude.len()]);
+        let out = directions.iter().zip(&area).filter(|(d, _)| **d == OUT).map(|(_, a)| a);
+        assert_eq!(out.sum::<f64>(), 2000.0);
+    }
+
+    #[test]
+    fn the_smallest_grids_drain_as_well() {
+        for (width, height) in [(1, 1), (1, 5), (5, 1), (2, 2), (3, 3)] {
+            let altitude = grid(width, height, |x, y| ((x + 2 * y) % 3) as f64 - 1.0);
+            let out: f64 = area(width, height, &altitude).iter().copied().fold(0.0, f64::max);
+            assert!(out >= 1.0 && out <= (width * height) as f64);
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn filling_is_the_minimax_surface_bit_for_bit_and_everything_drains(
+            width in 1usize..24,
+            height in 1usize..24,
+            steps in 1u32..400,
+            seed: u64,
+        ) {
+            let mut stream = weald_contract::Seed(seed).stream("ground", 0);
+            // Few steps make plateaus, negative values try the queue's order.
+            let altitude: Vec<f32> = (0..width * height)
+                .map(|_| stream.below(u64::from(steps)) as f32 * 0.37 - 20.0)
+                .collect();
+            let flood = fill(width, height, &altitude);
+            prop_assert_eq!(&flood.level, &minimax(width, height, &altitude));
+            prop_assert_eq!(&fill(width, height, &flood.level).level, &flood.level);
+            for (cell, &toward) in flood.toward.iter().enumerate().filter(|(_, t)| **t < OUT) {
+                prop_assert!(flood.level[neighbor(cell, toward, width)] <= flood.level[cell]);
+            }
+            let directions = directions(width, height, &flood);
+            let area = accumulate(width, &directions, vec![1.0; altitude.len()]);
+            let out = directions.iter().zip(&area).filter(|(d, _)| **d == OUT).map(|(_, a)| a);
+            prop_assert_eq!(out.sum::<f64>(), altitude.len() as f64);
+        }
+    }
+}

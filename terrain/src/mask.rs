@@ -1,0 +1,464 @@
+//! Masks: where an operator acts, from 0 (not at all) to 1 (in full).
+//!
+//! Conditions of one mask multiply, and so do the masks of a list. Bands of slope and altitude are
+//! soft over `falloff` in their own unit, shapes over `feather` metres, both outwards, along the
+//! same spline.
+
+use crate::derive;
+use crate::lattice::Lattice;
+use crate::noise::{Fractal, NoiseKind, NoiseShape};
+use crate::spline::{Polyline, influence, smoothstep};
+use std::collections::BTreeMap;
+use weald_contract::formula::Variable;
+use weald_contract::table::{Json, Kind, Value};
+use weald_contract::{Formula, Frame, FromToml, Image, Problem, Problems, Seed, Written, table};
+
+table! {
+    /// Conditions on a place; those that are given multiply.
+    pub struct Mask {
+        /// Slope from … to …, degrees.
+        slope_deg: Option<Written<[f64; 2]>> = None, in 0.0..=90.0;
+        /// Altitude from … to …, m.
+        altitude: Option<Written<[f64; 2]>> = None, in -100000.0..=100000.0;
+        /// Width of the ramp at the ends of a band, in its unit (degrees or m).
+        falloff: f64 = 0.0, in 0.0..=100000.0;
+        /// A disc.
+        disc: Option<Disc> = None;
+        /// A rectangle: west, south, east, north, scene coordinates, m.
+        rectangle: Option<Written<[f64; 4]>> = None, in -1000000.0..=1000000.0;
+        /// A polygon: its corners, scene coordinates, m.
+        polygon: Option<Written<Vec<[f64; 2]>>> = None, in -1000000.0..=1000000.0;
+        /// The neighbourhood of a line.
+        line: Option<Line> = None;
+        /// Patches of noise.
+        noise: Option<NoiseMask> = None;
+        /// An image over the whole terrain; white is 1.
+        image: Option<Written<String>> = None;
+        /// A formula over `altitude` (m), `slope` and `aspect` (degrees), `x` and `y` (m).
+        formula: Option<Written<Formula>> = None;
+        /// Width of the ramp around shapes, m.
+        feather: f64 = 0.0, in 0.0..=100000.0;
+        /// Whether the mask is 1 where it would be 0.
+        invert: bool = false;
+    }
+}
+
+table! {
+    /// A disc.
+    pub struct Disc {
+        /// Centre, scene coordinates, m.
+        at: [f64; 2], in -1000000.0..=1000000.0;
+        /// Radius, m.
+        radius: f64, in 0.0..=1000000.0;
+    }
+}
+
+table! {
+    /// Places near a line.
+    pub struct Line {
+        /// Points of the line, scene coordinates, m.
+        points: Written<Vec<[f64; 2]>>, in -1000000.0..=1000000.0;
+        /// Width of the strip along it, m.
+        width: f64, in 0.0..=1000000.0;
+    }
+}
+
+table! {
+    /// Patches: 0 where noise is below a range, 1 above it.
+    pub struct NoiseMask {
+        /// Wavelength of the largest patches, m.
+        wavelength: f64, in 0.001..=10000000.0;
+        /// Range of noise values over which the mask rises; noise lies in -1 to 1, mostly within a half.
+        range: Written<[f64; 2]> = Written { value: [-0.1, 0.1], span: weald_contract::Span::default() }, in -1.0..=1.0;
+        /// Number of octaves.
+        octaves: u32 = 4, in 1.0..=24.0;
+        /// Which of many such noises.
+        seed: u32 = 0;
+    }
+}
+
+/// The masks of an operator, written as one table or a list of them; all multiply.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+#[serde(transparent)]
+pub struct Masks(pub Vec<Mask>);
+
+impl FromToml for Masks {
+    fn from_toml(value: &Value, problems: &mut Problems) -> Option<Self> {
+        match value.kind {
+            Kind::Array(_) => Vec::from_toml(value, problems).map(Self),
+            _ => Mask::from_toml(value, problems).map(|mask| Self(vec![mask])),
+        }
+    }
+
+    fn schema() -> Json {
+        let list = [Mask::schema(), Vec::<Mask>::schema()];
+        Json::Object([("oneOf".to_string(), Json::Array(list.into()))].into_iter().collect())
+    }
+}
+
+impl Masks {
+    /// Notes what is wrong with the masks' own numbers.
+    pub(crate) fn check(&self, problems: &mut Problems) {
+        self.0.iter().for_each(|mask| mask.check(problems));
+    }
+
+    /// Whether a value depends on neighbouring altitudes, and so on the grid's fineness.
+    pub(crate) fn reads_slope(&self) -> bool {
+        self.0.iter().any(Mask::reads_slope)
+    }
+
+    /// Makes the masks ready for grids with cells of `cell` metres.
+    pub(crate) fn prepare<'a>(&self, map: &Map<'a>, cell: f64) -> Result<Vec<Ready<'a>>, Problem> {
+        self.0.iter().map(|mask| mask.prepare(map, cell)).collect()
+    }
+}
+
+impl Mask {
+    fn check(&self, problems: &mut Problems) {
+        for (name, band) in [("slope_deg", &self.slope_deg), ("altitude", &self.altitude)] {
+            if let Some(band) = band.as_ref().filter(|band| band.value[0] > band.value[1]) {
+                let message =
+                    format!("`{name}` runs from {} down to {}", band.value[0], band.value[1]);
+                problems.push(Problem::at(band.span, message).hint("write the lower end first"));
+            }
+        }
+        if let Some(rectangle) = &self.rectangle {
+            let [west, south, east, north] = rectangle.value;
+            if west >= east || south >= north {
+                let problem = Problem::at(rectangle.span, "this rectangle has no inside");
+                problems.push(problem.hint("write [west, south, east, north]"));
+            }
+        }
+        if let Some(polygon) = self.polygon.as_ref().filter(|polygon| polygon.value.len() < 3) {
+            problems.push(Problem::at(polygon.span, "a polygon needs at least 3 corners"));
+        }
+        if let Some(line) = &self.line {
+            check_line(&line.points, problems);
+        }
+        if let Some(noise) = &self.noise
+            && noise.range.value[0] >= noise.range.value[1]
+        {
+            let problem = Problem::at(noise.range.span, "`range` must rise");
+            problems.push(problem.hint("for instance [-0.1, 0.1]"));
+        }
+        self.check_formula(problems);
+    }
+
+    fn check_formula(&self, problems: &mut Problems) {
+        let Some(formula) = &self.formula else { return };
+        for (variable, span) in formula.value.variables().iter().zip(formula.value.spans()) {
+            if FormulaInput::of(variable).is_none() {
+                // Past the opening quote.
+                let span = formula.span.narrow(span.start + 1..span.end + 1);
+                problems.push(
+                    Problem::at(span, "a mask does not know this name")
+                        .hint("known here: altitude, slope, aspect, x, y"),
+                );
+            }
+        }
+    }
+
+    fn reads_slope(&self) -> bool {
+        let inputs = self.formula.iter().flat_map(|formula| formula.value.variables());
+        let by_formula = inputs
+            .filter_map(FormulaInput::of)
+            .any(|input| matches!(input, FormulaInput::Slope | FormulaInput::Aspect));
+        self.slope_deg.is_some() || by_formula
+    }
+
+    fn prepare<'a>(&self, map: &Map<'a>, cell: f64) -> Result<Ready<'a>, Problem> {
+        let (falloff, feather) = (self.falloff, self.feather);
+        let mut conditions = Vec::new();
+        conditions
+            .extend(self.slope_deg.as_ref().map(|w| Condition::Slope { band: w.value, falloff }));
+        conditions
+            .extend(self.altitude.as_ref().map(|w| Condition::Altitude { band: w.value, falloff }));
+        conditions.extend(self.disc.clone().map(|disc| Condition::Disc { disc, feather }));
+        conditions.extend(
+            self.rectangle.as_ref().map(|w| Condition::Rectangle { sides: w.value, feather }),
+        );
+        conditions.extend(
+            self.polygon.as_ref().map(|polygon| Condition::Polygon {
+                ring: Polyline::closed(&polygon.value),
+                feather,
+            }),
+        );
+        conditions.extend(self.line.as_ref().map(|line| Condition::Line {
+            line: Polyline::new(&line.points.value),
+            half_width: 0.5 * line.width,
+            feather,
+        }));
+        conditions.extend(
+            self.noise.as_ref().map(|mask| Condition::Noise {
+                noise: mask.fractal(cell),
+                range: mask.range.value,
+            }),
+        );
+        if let Some(path) = &self.image {
+            let (image, frame) = map.image(path)?;
+            conditions.push(Condition::Image { values: &image.values, frame });
+        }
+        if let Some(formula) = &self.formula {
+            let inputs = formula.value.variables().iter().filter_map(FormulaInput::of).collect();
+            conditions.push(Condition::Formula { formula: formula.value.clone(), inputs });
+        }
+        Ok(Ready { conditions, invert: self.invert })
+    }
+}
+
+impl NoiseMask {
+    fn fractal(&self, cell: f64) -> Fractal {
+        let shape = NoiseShape {
+            kind: NoiseKind::Fbm,
+            wavelength: self.wavelength,
+            octaves: self.octaves,
+            roughness: 0.5,
+            roughness_change: 0.0,
+            lacunarity: 2.0,
+        };
+        // A mask's noise is named by its own `seed`, so that two operators can share a mask.
+        let seed = Seed(0).stream("noise mask", u64::from(self.seed)).next_u64() as u32;
+        Fractal::new(shape, seed, cell)
+    }
+}
+
+/// Notes a line that has fewer than two different points.
+pub(crate) fn check_line(points: &Written<Vec<[f64; 2]>>, problems: &mut Problems) {
+    if points.value.iter().all(|point| Some(point) == points.value.first()) {
+        problems.push(Problem::at(points.span, "a line needs at least 2 different points"));
+    }
+}
+
+/// What masks read besides altitude: the map's place and the opened images.
+pub(crate) struct Map<'a> {
+    /// The terrain's frame, map coordinates.
+    pub frame: Frame,
+    /// Images by path as written.
+    pub images: &'a BTreeMap<String, Image>,
+}
+
+/// How far the shape of an image may differ from the terrain's: more would stretch what was
+/// painted by a visible amount.
+const ASPECT_TOLERANCE: f64 = 0.02;
+
+impl<'a> Map<'a> {
+    /// An image and where its pixels lie in scene coordinates.
+    ///
+    /// One that the map knows keeps its place; another covers the terrain. Then pixels need not be
+    /// quite square, which the frame cannot say: heights are stretched to fit.
+    fn image(&self, path: &Written<String>) -> Result<(&'a Image, ImageFrame), Problem> {
+        let missing =
+            || Problem::at(path.span, format!("the image `{}` was not opened", path.value));
+        let image = self.images.get(&path.value).ok_or_else(missing)?;
+        if image.width == 0 || image.height == 0 || image.values.len() != image.width * image.height
+        {
+            return Err(Problem::at(path.span, format!("the image `{}` is empty", path.value)));
+        }
+        let pixels =
+            Frame { width: image.width, height: image.height, cell: 1.0, west: 0.0, south: 0.0 };
+        if let Some(frame) = &image.frame {
+            let offset = [self.frame.west - frame.west, self.frame.south - frame.south];
+            let scale = [1.0 / frame.cell; 2];
+            return Ok((image, ImageFrame { pixels, offset, scale }));
+        }
+        let terrain = self.frame.width as f64 / self.frame.height as f64;
+        let shape = image.width as f64 / image.height as f64;
+        if (shape / terrain - 1.0).abs() > ASPECT_TOLERANCE {
+            let message = format!(
+                "the image is {} × {} pixels, the terrain {} × {} cells: the shapes differ",
+                image.width, image.height, self.frame.width, self.frame.height
+            );
+            return Err(Problem::at(path.span, message)
+                .hint(format!("width / height must be {terrain:.3}")));
+        }
+        let scale = [
+            image.width as f64 / (self.frame.width as f64 * self.frame.cell),
+            image.height as f64 / (self.frame.height as f64 * self.frame.cell),
+        ];
+        Ok((image, ImageFrame { pixels, offset: [0.0; 2], scale }))
+    }
+}
+
+/// Where an image lies: pixel coordinates are `(scene + offset) * scale`.
+#[derive(Clone, Debug)]
+struct ImageFrame {
+    pixels: Frame,
+    offset: [f64; 2],
+    scale: [f64; 2],
+}
+
+/// A mask ready to be evaluated.
+#[derive(Clone, Debug)]
+pub(crate) struct Ready<'a> {
+    conditions: Vec<Condition<'a>>,
+    invert: bool,
+}
+
+#[derive(Clone, Debug)]
+enum Condition<'a> {
+    Slope { band: [f64; 2], falloff: f64 },
+    Altitude { band: [f64; 2], falloff: f64 },
+    Disc { disc: Disc, feather: f64 },
+    Rectangle { sides: [f64; 4], feather: f64 },
+    Polygon { ring: Polyline, feather: f64 },
+    Line { line: Polyline, half_width: f64, feather: f64 },
+    Noise { noise: Fractal, range: [f64; 2] },
+    Image { values: &'a [f32], frame: ImageFrame },
+    Formula { formula: Formula, inputs: Vec<FormulaInput> },
+}
+
+/// What a formula in a mask may read.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum FormulaInput {
+    Altitude,
+    Slope,
+    Aspect,
+    X,
+    Y,
+}
+
+impl FormulaInput {
+    fn of(variable: &Variable) -> Option<Self> {
+        match variable {
+            Variable::Layer(name) if name == "altitude" => Some(Self::Altitude),
+            Variable::Layer(name) if name == "slope" => Some(Self::Slope),
+            Variable::Layer(name) if name == "aspect" => Some(Self::Aspect),
+            Variable::X => Some(Self::X),
+            Variable::Y => Some(Self::Y),
+            _ => None,
+        }
+    }
+}
+
+/// One row of cells with the altitudes of the whole field around it.
+#[derive(Clone, Copy)]
+pub(crate) struct Row<'a> {
+    /// The field's cells.
+    pub lattice: &'a Lattice,
+    /// Altitudes of the whole field, m.
+    pub altitude: &'a [f32],
+    /// Which row, from the north.
+    pub row: usize,
+}
+
+impl Row<'_> {
+    /// Altitudes of this row.
+    pub fn altitudes(&self) -> &[f32] {
+        &self.altitude[self.row * self.lattice.width..][..self.lattice.width]
+    }
+
+    fn slope_deg(&self, column: usize) -> f32 {
+        self.gradient(column).slope_deg()
+    }
+
+    fn gradient(&self, column: usize) -> derive::Gradient {
+        let Lattice { width, height, cell, .. } = *self.lattice;
+        derive::gradient(width, height, cell, self.altitude, column, self.row)
+    }
+}
+
+/// Multiplies `weights` by the masks' values along a row.
+pub(crate) fn apply(masks: &[Ready<'_>], row: &Row<'_>, weights: &mut [f32]) {
+    for mask in masks {
+        let mut values = vec![1.0; weights.len()];
+        mask.conditions.iter().for_each(|condition| condition.apply(row, &mut values));
+        for (weight, value) in weights.iter_mut().zip(values) {
+            *weight *= if mask.invert { 1.0 - value } else { value };
+        }
+    }
+}
+
+/// 1 within a band, falling to 0 over `falloff` beyond its ends.
+fn in_band(value: f64, [low, high]: [f64; 2], falloff: f64) -> f64 {
+    influence((low - value).max(value - high), 0.0, falloff)
+}
+
+/// Distance from a point to a rectangle; 0 inside.
+fn outside_rectangle([west, south, east, north]: [f64; 4], [x, y]: [f64; 2]) -> f64 {
+    let dx = (west - x).max(x - east).max(0.0);
+    let dy = (south - y).max(y - north).max(0.0);
+    (dx * dx + dy * dy).sqrt()
+}
+
+impl Condition<'_> {
+    fn apply(&self, row: &Row<'_>, values: &mut [f32]) {
+        let y = row.lattice.y(row.row);
+        match self {
+            Self::Slope { band, falloff } => {
+                weigh(values, |column| in_band(f64::from(row.slope_deg(column)), *band, *falloff))
+            }
+            Self::Altitude { band, falloff } => {
+                let altitudes = row.altitudes();
+                weigh(values, |column| in_band(f64::from(altitudes[column]), *band, *falloff));
+            }
+            Self::Disc { disc, feather } => weigh(values, |column| {
+                let (dx, dy) = (row.lattice.x(column) - disc.at[0], y - disc.at[1]);
+                influence((dx * dx + dy * dy).sqrt(), disc.radius, *feather)
+            }),
+            Self::Rectangle { sides, feather } => weigh(values, |column| {
+                influence(outside_rectangle(*sides, [row.lattice.x(column), y]), 0.0, *feather)
+            }),
+            Self::Polygon { ring, feather } => {
+                let segments = ring.segments_near_row(y, *feather);
+                weigh(values, |column| {
+                    let point = [row.lattice.x(column), y];
+                    if ring.encloses(point) {
+                        return 1.0;
+                    }
+                    let near = ring.nearest(&segments, point);
+                    near.map_or(0.0, |near| influence(near.distance, 0.0, *feather))
+                });
+            }
+            Self::Line { line, half_width, feather } => {
+                let segments = line.segments_near_row(y, half_width + feather);
+                weigh(values, |column| {
+                    let near = line.nearest(&segments, [row.lattice.x(column), y]);
+                    near.map_or(0.0, |near| influence(near.distance, *half_width, *feather))
+                });
+            }
+            Self::Noise { noise, range } => weigh(values, |column| {
+                smoothstep(range[0], range[1], noise.at(row.lattice.x(column), y))
+            }),
+            Self::Image { values: pixels, frame } => weigh(values, |column| {
+                let x = (row.lattice.x(column) + frame.offset[0]) * frame.scale[0];
+                let y = (y + frame.offset[1]) * frame.scale[1];
+                // Beyond an image that lies elsewhere on the map nothing was painted.
+                let value = if frame.pixels.contains(x, y) {
+                    frame.pixels.sample(pixels, x, y)
+                } else {
+                    0.0
+                };
+                if value.is_finite() { f64::from(value.clamp(0.0, 1.0)) } else { 0.0 }
+            }),
+            Self::Formula { formula, inputs } => apply_formula(formula, inputs, row, values),
+        }
+    }
+}
+
+/// Multiplies each value that is not yet 0.
+fn weigh(values: &mut [f32], factor: impl Fn(usize) -> f64) {
+    for (column, value) in values.iter_mut().enumerate().filter(|(_, value)| **value != 0.0) {
+        *value *= factor(column) as f32;
+    }
+}
+
+fn apply_formula(formula: &Formula, inputs: &[FormulaInput], row: &Row<'_>, values: &mut [f32]) {
+    let width = row.lattice.width;
+    let along = |value: &dyn Fn(usize) -> f32| (0..width).map(value).collect::<Vec<f32>>();
+    let columns: Vec<Vec<f32>> = inputs
+        .iter()
+        .map(|input| match input {
+            FormulaInput::Altitude => row.altitudes().to_vec(),
+            FormulaInput::Slope => along(&|column| row.slope_deg(column)),
+            FormulaInput::Aspect => along(&|column| row.gradient(column).aspect_deg()),
+            FormulaInput::X => along(&|column| row.lattice.x(column) as f32),
+            FormulaInput::Y => vec![row.lattice.y(row.row) as f32; width],
+        })
+        .collect();
+    let columns: Vec<&[f32]> = columns.iter().map(Vec::as_slice).collect();
+    let mut results = vec![0.0; width];
+    formula.eval_block(&columns, &mut results);
+    for (value, result) in values.iter_mut().zip(results) {
+        *value *= if result.is_nan() { 0.0 } else { result.clamp(0.0, 1.0) };
+    }
+}

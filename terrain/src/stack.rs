@@ -1,0 +1,248 @@
+//! The stack: operators one after another, each on what the last one left.
+//!
+//! Every operator reads the whole field before it and writes a new one, rows in parallel, so
+//! that neither threads nor tiles can change a byte. What only the whole ground can tell (a
+//! stream's bed, the slopes under a mask) is found on the terrain's own grid and kept; a finer patch
+//! replays the stack with it, and so shapes the same ground.
+
+use crate::config::{Config, LayerCommon};
+use crate::import::Ground;
+use crate::lattice::Lattice;
+use crate::mask::{self, Map, Row};
+use crate::noise::Fractal;
+use crate::operator::{Blend, Lake, Operator};
+use crate::resample::{by_row, gaussian, gaussian_reach};
+use crate::stream::Channel;
+use crate::{Error, check_cancelled};
+use rayon::prelude::*;
+use weald_contract::table::Tagged;
+use weald_contract::{Problem, Progress, Seed};
+
+/// Ground after the last operator, and what is needed to shape finer patches of it alike.
+pub(crate) struct Shaped<'a> {
+    /// The terrain's cells.
+    pub lattice: Lattice,
+    /// Altitudes, m.
+    pub altitude: Vec<f32>,
+    /// Lakes, which are filled when the stack is done.
+    pub lakes: Vec<&'a Lake>,
+    /// The operators that shape the ground, in order.
+    pub layers: Vec<Layer<'a>>,
+}
+
+/// An operator with what was found out about it on the terrain's own grid.
+pub(crate) struct Layer<'a> {
+    op: &'a Tagged<LayerCommon, Operator>,
+    seed: u32,
+    /// The bed, if this is a stream.
+    channel: Option<Channel>,
+    /// The mask's values on the terrain's grid, kept where they depend on its fineness.
+    weights: Option<Vec<f32>>,
+}
+
+/// Runs the stack over the whole ground.
+pub(crate) fn shape<'a>(
+    config: &'a Config,
+    ground: &Ground,
+    map: &Map<'_>,
+    seed: Seed,
+    progress: &dyn Progress,
+) -> Result<Shaped<'a>, Error> {
+    let lattice = Lattice::of(&ground.frame);
+    let mut altitude = ground.altitude.clone();
+    let (mut lakes, mut layers) = (Vec::new(), Vec::new());
+    progress.begin("operators", config.op.len() as u64, "operators");
+    for (index, op) in config.op.iter().enumerate() {
+        check_cancelled(progress)?;
+        match &op.variant {
+            _ if !op.common.enabled => {}
+            Operator::Lake(lake) => lakes.push(lake),
+            _ => {
+                let mut layer = Layer::new(op, index, seed, &lattice, &altitude)?;
+                let weights = layer.weights(&lattice, &altitude, map)?;
+                altitude = layer.apply(&lattice, &altitude, &weights);
+                let is_needed = !config.detail.is_empty() && op.common.mask.reads_slope();
+                layer.weights = is_needed.then_some(weights);
+                layers.push(layer);
+            }
+        }
+        progress.advance(1);
+    }
+    check_finite(config, &altitude)?;
+    Ok(Shaped { lattice, altitude, lakes, layers })
+}
+
+/// Factors may multiply up to heights that single precision does not hold.
+fn check_finite(config: &Config, altitude: &[f32]) -> Result<(), Problem> {
+    if altitude.iter().all(|z| z.is_finite()) {
+        return Ok(());
+    }
+    Err(Problem::at(config.source.span, "the operators raise the ground beyond all numbers")
+        .hint("look for a large `factor` or `amplitude`"))
+}
+
+/// Runs the stack over a patch whose cells differ from the terrain's.
+pub(crate) fn replay(
+    shaped: &Shaped<'_>,
+    lattice: &Lattice,
+    mut altitude: Vec<f32>,
+    map: &Map<'_>,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>, Error> {
+    for layer in &shaped.layers {
+        check_cancelled(progress)?;
+        let weights = match &layer.weights {
+            Some(weights) => sample(&shaped.lattice, weights, lattice),
+            None => layer.weights(lattice, &altitude, map)?,
+        };
+        altitude = layer.apply(lattice, &altitude, &weights);
+    }
+    Ok(altitude)
+}
+
+/// Cells around a patch that its values depend on: each operator looks so far at what the one
+/// before left.
+pub(crate) fn halo(layers: &[Layer<'_>], cell: f64) -> usize {
+    layers.iter().map(|layer| layer.reach(cell)).sum()
+}
+
+/// Bilinear values of one lattice at the cells of another.
+pub(crate) fn sample(from: &Lattice, values: &[f32], to: &Lattice) -> Vec<f32> {
+    let frame = from.frame((0.0, 0.0));
+    by_row(to.width, to.height, |row, out| {
+        let y = to.y(row);
+        for (column, out) in out.iter_mut().enumerate() {
+            *out = frame.sample(values, to.x(column), y);
+        }
+    })
+}
+
+impl<'a> Layer<'a> {
+    fn new(
+        op: &'a Tagged<LayerCommon, Operator>,
+        index: usize,
+        seed: Seed,
+        lattice: &Lattice,
+        altitude: &[f32],
+    ) -> Result<Self, Problem> {
+        // A name keeps an operator's chance when others come before it.
+        let mut stream = match &op.common.name {
+            Some(name) => seed.stream(&format!("operator {name}"), 0),
+            None => seed.stream("operator", index as u64),
+        };
+        let channel = match &op.variant {
+            Operator::Stream(cut) => {
+                let frame = lattice.frame((0.0, 0.0));
+                Some(cut.run(lattice.cell, |x, y| frame.sample(altitude, x, y))?)
+            }
+            _ => None,
+        };
+        Ok(Self { op, seed: stream.next_u64() as u32, channel, weights: None })
+    }
+
+    /// The bed and what it carries, if this is a stream with water.
+    pub fn wet_channel(&self) -> Option<&Channel> {
+        self.channel.as_ref().filter(|channel| channel.is_wet())
+    }
+
+    /// How many cells away this operator looks.
+    fn reach(&self, cell: f64) -> usize {
+        let by_operator = match &self.op.variant {
+            Operator::Smooth(smooth) => gaussian_reach(smooth.radius, cell),
+            _ => 0,
+        };
+        by_operator.max(usize::from(self.op.common.mask.reads_slope()))
+    }
+
+    /// The mask times the strength, for every cell.
+    fn weights(
+        &self,
+        lattice: &Lattice,
+        altitude: &[f32],
+        map: &Map<'_>,
+    ) -> Result<Vec<f32>, Problem> {
+        let masks = self.op.common.mask.prepare(map, lattice.cell)?;
+        let strength = self.op.common.strength as f32;
+        Ok(by_row(lattice.width, lattice.height, |row, weights| {
+            weights.fill(strength);
+            mask::apply(&masks, &Row { lattice, altitude, row }, weights);
+        }))
+    }
+
+    /// `lerp(in, op(in), mask)` for every cell.
+    fn apply(&self, lattice: &Lattice, altitude: &[f32], weights: &[f32]) -> Vec<f32> {
+        let Lattice { width, height, cell, .. } = *lattice;
+        let joined = Joined { lattice, altitude, weights, blend: self.op.common.blend };
+        match &self.op.variant {
+            Operator::Noise(noise) => {
+                let fractal = Fractal::new(noise.shape(), self.seed, cell);
+                joined.each(|_, y| {
+                    let fractal = &fractal;
+                    move |x, _, z| z + noise.amplitude * fractal.at(x, y)
+                })
+            }
+            Operator::Stream(_) => match &self.channel {
+                Some(channel) => joined.each(|_, y| {
+                    let segments = channel.segments_near_row(y);
+                    move |x, _, z| channel.shape(&segments, [x, y], z)
+                }),
+                None => altitude.to_vec(),
+            },
+            Operator::Smooth(smooth) => {
+                let smoothed = gaussian(width, height, cell, altitude, smooth.radius);
+                joined.each(|row, _| {
+                    let line = &smoothed[row * width..][..width];
+                    move |_, column, _| f64::from(line[column])
+                })
+            }
+            Operator::Terrace(terrace) => joined.each(|_, _| |_, _, z| terrace.at(z)),
+            Operator::Flatten(flatten) => joined.each(|_, _| |_, _, _| flatten.altitude),
+            Operator::Offset(offset) => joined.each(|_, _| |_, _, z| z + offset.by),
+            Operator::Scale(scale) => {
+                joined.each(|_, _| |_, _, z| scale.about + scale.factor * (z - scale.about))
+            }
+            Operator::Clamp(clamp) => joined.each(|_, _| |_, _, z| clamp.at(z)),
+            Operator::Lake(_) => altitude.to_vec(),
+        }
+    }
+}
+
+/// A field, and how an operator's result joins it.
+struct Joined<'a> {
+    lattice: &'a Lattice,
+    altitude: &'a [f32],
+    weights: &'a [f32],
+    blend: Blend,
+}
+
+impl Joined<'_> {
+    /// Every cell after the operator. `along(row, y)` prepares a row and gives the operator there:
+    /// x, column and altitude before to altitude after.
+    fn each<F: Fn(f64, usize, f64) -> f64>(
+        &self,
+        along: impl Fn(usize, f64) -> F + Sync,
+    ) -> Vec<f32> {
+        let width = self.lattice.width;
+        let mut after = self.altitude.to_vec();
+        let rows = after.par_chunks_mut(width).zip(self.weights.par_chunks(width)).enumerate();
+        rows.for_each(|(row, (line, weights))| {
+            let op = along(row, self.lattice.y(row));
+            for (column, (z, &weight)) in line.iter_mut().zip(weights).enumerate() {
+                if weight > 0.0 {
+                    let before = f64::from(*z);
+                    let result = op(self.lattice.x(column), column, before);
+                    let result = match self.blend {
+                        Blend::Replace => result,
+                        Blend::Max => result.max(before),
+                        Blend::Min => result.min(before),
+                    };
+                    let weight = f64::from(weight);
+                    // Full weight gives the result itself, without rounding on the way.
+                    let is_full = weight >= 1.0;
+                    *z = if is_full { result } else { before + weight * (result - before) } as f32;
+                }
+            }
+        });
+        after
+    }
+}

@@ -261,15 +261,15 @@ impl Flowers<'_> {
 
     /// Arching sprays from the upper third, blossoms sitting on their upper sides.
     fn plume(&mut self, ripe: f32) {
-        const SPRAYS: u32 = 7;
+        const SPRAYS: u32 = 9;
         let count = self.herb.heads;
         let per_spray = count.div_ceil(SPRAYS);
         for spray in 0..SPRAYS {
             let part = spray as f32 / (SPRAYS - 1) as f32;
-            let t = 0.68 + 0.32 * part;
+            let t = 0.7 + 0.3 * part;
             let azimuth = self.stem.line.azimuth + GOLDEN_ANGLE * spray as f32;
-            let length = (0.2 - 0.09 * part) * self.stature.height * ripe * self.stem.grown;
-            let line = Arch { foot: self.stem.line.point(t), azimuth, length, path: [0.5, 1.75 - part] };
+            let length = (0.19 - 0.1 * part) * self.stature.height * ripe * self.stem.grown;
+            let line = Arch { foot: self.stem.line.point(t), azimuth, length, path: [0.6, 1.8 - part] };
             let (axis, _) = self.branch(&line, t, spray);
             for blossom in 0..per_spray.min(count - (spray * per_spray).min(count)) {
                 let along = 0.2 + 0.8 * (blossom as f32 + self.stream.unit() as f32) / per_spray as f32;

@@ -117,6 +117,8 @@ table! {
         down_angle_deg: [f32; 2] = [45.0, 10.0], in -360.0..=360.0;
         /// Angle about the stem from leaf to leaf, and its variation.
         rotate_deg: [f32; 2] = [140.0, 0.0], in -360.0..=360.0;
+        /// Length of the stalk over that of the leaf; stalks are not drawn (ours).
+        stalk: f32 = 0.0, in 0.0..=5.0;
         /// How far leaves turn their faces to the light, 0 to 1.
         bend: f32 = 0.3, in 0.0..=1.0;
         /// How far leaves hang from their stalks, 0 to 1 (ours).

@@ -229,11 +229,17 @@ impl Piece {
         self.frames[self.locate(z, res).0]
     }
 
-    /// The point at the fraction `z` of the stem, on the Catmull-Rom curve through the joints,
-    /// whose midpoints are those of 4-point subdivision [Dyn87].
-    pub fn point(&self, z: f32, res: u32) -> Vec3 {
+    /// The point at the fraction `z` of a stem of `order`.
+    ///
+    /// Few and thick segments are smoothed to the Catmull-Rom curve through the joints, whose
+    /// midpoints are those of 4-point subdivision [Dyn87]; elsewhere the joints are the nodes and
+    /// what grows between them stands on the straight line.
+    pub fn point(&self, z: f32, res: u32, order: usize) -> Vec3 {
         let (i, u) = self.locate(z, res);
         let (b, c) = (self.points[i], self.points[i + 1]);
+        if nodes_per_segment(order, res) == 1 {
+            return b + (c - b) * u;
+        }
         let a = if i > 0 { self.points[i - 1] } else { 2.0 * b - c };
         let d = self.points.get(i + 2).copied().unwrap_or(2.0 * c - b);
         let (u2, u3) = (u * u, u * u * u);
@@ -245,12 +251,7 @@ impl Piece {
     /// and thick segments, and where the trunk flares.
     fn stations(&self, level: &Level, order: usize, flared: bool) -> Vec<f32> {
         let res = level.curve_res;
-        let wanted = match order {
-            0 => 10,
-            1 => 5,
-            _ => res,
-        };
-        let per_segment = wanted.div_ceil(res).max(1);
+        let per_segment = nodes_per_segment(order, res);
         let mut stations: Vec<f32> = (self.first * per_segment..=res * per_segment)
             .map(|i| i as f32 / (res * per_segment) as f32)
             .collect();
@@ -266,7 +267,7 @@ impl Piece {
     pub fn nodes(&self, form: &WeberPenn, level: &Level, bud: &Bud) -> Vec<Node> {
         let flared = bud.level == 0 && form.flare > 0.0;
         let node = |z: f32| Node {
-            position: self.point(z, level.curve_res),
+            position: self.point(z, level.curve_res, bud.level),
             radius: radius_at(form, level, bud, z),
         };
         let stations = self.stations(level, bud.level, flared);
@@ -278,6 +279,16 @@ impl Piece {
             nodes.insert(0, Node { position: foot.position - Vec3::Z * depth, ..foot });
         }
         nodes
+    }
+}
+
+/// Nodes a segment: trunks get at least ten in all and branches five, so that they look bent
+/// rather than broken.
+fn nodes_per_segment(order: usize, res: u32) -> u32 {
+    match order {
+        0 => 10_u32.div_ceil(res),
+        1 => 5_u32.div_ceil(res),
+        _ => 1,
     }
 }
 

@@ -292,7 +292,7 @@ impl<'a> Tree<'a> {
         Place {
             axis: *axis,
             at: piece.own_fraction(z, res),
-            position: piece.point(z, res),
+            position: piece.point(z, res, stem.bud.level),
             frame: piece.frame(z, res),
         }
     }
@@ -346,13 +346,14 @@ impl<'a> Tree<'a> {
                 let down = formula::down_angle(leaf.down_angle_deg, 1.0 - z, chances[1]);
                 rot_z(spin.to_radians()) * rot_x(down.to_radians())
             };
-            let frame = self.pose(place.frame * turn, place.position);
             let length = size * present * (1.0 + leaf.scale_v * chances[2]);
+            let position = place.position + place.frame * turn * Vec3::Z * (leaf.stalk * length);
+            let frame = self.pose(place.frame * turn, position);
             let hue = ((0.5 + 0.5 * chances[3]) * leaf.hues as f32) as u32;
             self.skeleton.organs.push(PlacedOrgan {
                 prototype: hue.min(leaf.hues - 1),
                 axis: place.axis,
-                position: place.position,
+                position,
                 rotation: organ_rotation(frame),
                 scale: Vec3::new(length * leaf.scale_x, length, length),
             });

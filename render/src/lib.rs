@@ -11,17 +11,24 @@
 //! same parts and seed give the same bits for any number of threads.
 
 mod accel;
+mod bsdf;
+mod camera;
 mod config;
 mod film;
+mod ground;
+mod noise;
 mod path;
 mod primitive;
+mod sampler;
 mod scene;
+mod sky;
 mod tone;
+mod water;
 
 pub use config::{Config, Sky};
 pub use film::{Film, FilmStatistics};
 pub use path::render;
-pub use scene::{Object, Parts, PrototypeSource, Scene, Statistics};
+pub use scene::{Object, Parts, PrototypeSource, Scene, Statistics, estimate_bytes};
 pub use tone::tone_map;
 
 use weald_contract::Problem;

@@ -1,8 +1,40 @@
-//! The integrator.
-use crate::{Config, Error, Film, Scene};
-use weald_contract::{Problem, Progress, Seed, View};
+//! The integrator: light paths from the eye to sun and sky.
+//!
+//! At every scattering the lights are connected to directly (next-event estimation) and the path
+//! goes on in a direction drawn from the surface; both ways of reaching the sky are combined by
+//! the power heuristic [Veach97 §9.2]. The sun is so small that only connections find it, except
+//! for the eye itself and its mirror image in water. Paths end at random once they carry little
+//! [AK90].
+
+use crate::accel::{Hit, Place, Ray, Scratch};
+use crate::bsdf::{Bsdf, Material, any_direction};
+use crate::camera::{Camera, Filter};
+use crate::film::{Film, FilmStatistics, Pixel};
+use crate::noise::value;
+use crate::sampler::Sampler;
+use crate::scene::Scene;
+use crate::tone::luminance;
+use crate::{Config, Error, water};
+use glam::Vec3;
+use rayon::prelude::*;
+use weald_contract::{Progress, Seed, View, seed::mix};
+
+/// Side of the squares of pixels that threads take, pixels.
+const TILE: usize = 16;
+
+/// Scatterings after which a path may end at random.
+const SURE_BOUNCES: u32 = 3;
+
+/// Water surfaces that a path may cross; more are only met between ripples.
+const CROSSINGS: u32 = 8;
+
+/// Chance that a connection of a later bounce goes to the sun rather than to the sky: the sun
+/// carries about three quarters of a clear day's light.
+const SUN_CHANCE: f32 = 0.6;
 
 /// Renders a view of a scene.
+///
+/// Threads share the picture in tiles; each pixel depends only on its own samples.
 ///
 /// # Errors
 /// [`Error::Cancelled`] when the caller asks to stop.
@@ -13,6 +45,540 @@ pub fn render(
     seed: Seed,
     progress: &dyn Progress,
 ) -> Result<Film, Error> {
-    let _ = (scene, view, config, seed, progress);
-    Err(Problem::new("not built yet").into())
+    let [width, height] = config.resolution.map(|side| side as usize);
+    let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
+    let job = Job {
+        tracer: Tracer { scene, bounces: config.bounces },
+        camera: camera(scene, view, config),
+        filter: Filter::new(),
+        seed: seed.part("render", 0),
+        samples: config.samples,
+        width,
+        height,
+    };
+    progress.begin("light paths", (width * height) as u64 * u64::from(config.samples), "samples");
+    let tiles: Vec<Result<Tile, Error>> = (0..columns * rows)
+        .into_par_iter()
+        .map(|number| {
+            if progress.is_cancelled() {
+                return Err(Error::Cancelled);
+            }
+            let tile = job.tile(number % columns * TILE, number / columns * TILE);
+            progress.advance(tile.pixels.len() as u64 * u64::from(config.samples));
+            Ok(tile)
+        })
+        .collect();
+    let mut film = Film {
+        width,
+        height,
+        pixels: vec![Pixel::default(); width * height],
+        statistics: FilmStatistics::default(),
+    };
+    for tile in tiles {
+        let tile = tile?;
+        film.statistics.rays += tile.rays;
+        film.statistics.samples += tile.pixels.len() as u64 * u64::from(config.samples);
+        for (index, pixel) in tile.pixels {
+            film.pixels[index] = pixel;
+        }
+    }
+    Ok(film)
+}
+
+/// The camera of a view, in scene-local metres.
+fn camera(scene: &Scene, view: &View, config: &Config) -> Camera {
+    let sight = view.sight(&scene.footing);
+    let local =
+        |p: [f64; 3]| Vec3::from_array([0, 1, 2].map(|axis| (p[axis] - scene.origin[axis]) as f32));
+    let aspect = config.resolution[0] as f32 / config.resolution[1] as f32;
+    let lens_radius = config.aperture_mm * 0.5e-3;
+    let fov = (view.fov_deg as f32).to_radians();
+    Camera::new(local(sight.eye), local(sight.target), fov, aspect, lens_radius)
+}
+
+/// A rendering, the same for all threads.
+struct Job<'a> {
+    tracer: Tracer<'a>,
+    camera: Camera,
+    filter: Filter,
+    seed: Seed,
+    samples: u32,
+    width: usize,
+    height: usize,
+}
+
+/// Finished pixels with their index in the picture.
+struct Tile {
+    pixels: Vec<(usize, Pixel)>,
+    rays: u64,
+}
+
+impl Job<'_> {
+    fn tile(&self, left: usize, top: usize) -> Tile {
+        let mut scratch = Scratch::default();
+        let rows = top..(top + TILE).min(self.height);
+        let columns = left..(left + TILE).min(self.width);
+        let places = rows.flat_map(|y| columns.clone().map(move |x| (x, y)));
+        let pixels =
+            places.map(|(x, y)| (y * self.width + x, self.pixel(x, y, &mut scratch))).collect();
+        Tile { pixels, rays: scratch.rays }
+    }
+
+    fn pixel(&self, x: usize, y: usize, scratch: &mut Scratch) -> Pixel {
+        let mut pixel = Pixel::default();
+        for sample in 0..self.samples {
+            let mut sampler = Sampler::new(self.seed, (y * self.width + x) as u64, sample);
+            let [fx, fy, lens_u, lens_v] = sampler.next();
+            let at = |index: usize, offset: f32, count: usize| {
+                2.0 * (index as f32 + 0.5 + offset) / count as f32 - 1.0
+            };
+            let px = at(x, self.filter.offset(fx), self.width);
+            let py = -at(y, self.filter.offset(fy), self.height);
+            let ray = self.camera.ray(px, py, [lens_u, lens_v]);
+            let (light, seen) = self.tracer.trace(ray, &mut sampler, scratch);
+            self.expose(&mut pixel, light, seen);
+        }
+        pixel
+    }
+
+    /// Adds one sample to a pixel.
+    fn expose(&self, pixel: &mut Pixel, light: Vec3, seen: Option<Seen>) {
+        pixel.samples += 1;
+        // One broken number would blacken the pixel for good.
+        if light.is_finite() {
+            for (sum, value) in pixel.radiance.iter_mut().zip(light.to_array()) {
+                *sum += f64::from(value);
+            }
+        }
+        let Some(seen) = seen else {
+            pixel.seen.cast(0, 0);
+            return;
+        };
+        pixel.covered += 1;
+        for axis in 0..3 {
+            pixel.albedo[axis] += f64::from(seen.albedo[axis]);
+            pixel.normal[axis] += f64::from(seen.normal[axis]);
+        }
+        let origin = self.tracer.scene.origin;
+        let altitude = (f64::from(seen.position.z) + origin[2]) as f32;
+        let position = [seen.position.x, seen.position.y, altitude];
+        let depth = self.camera.depth(seen.position);
+        if pixel.nearest.is_none_or(|(nearest, _)| depth < nearest) {
+            pixel.nearest = Some((depth, position));
+        }
+        pixel.seen.cast(seen.species, seen.plant);
+    }
+}
+
+/// What a path met first.
+#[derive(Clone, Copy, Debug)]
+struct Seen {
+    position: Vec3,
+    albedo: Vec3,
+    normal: Vec3,
+    species: u32,
+    plant: u64,
+}
+
+/// Follows paths through a scene.
+struct Tracer<'a> {
+    scene: &'a Scene,
+    bounces: u32,
+}
+
+/// State of a path.
+struct Path {
+    ray: Ray,
+    /// Part of the light at the end of the path that reaches the eye.
+    beta: Vec3,
+    /// Light gathered.
+    light: Vec3,
+    /// Scatterings so far.
+    bounces: u32,
+    /// Water surfaces crossed.
+    crossings: u32,
+    /// Whether the ray runs under water.
+    in_water: bool,
+    /// Whether only mirrors lie between the ray and the eye.
+    is_straight: bool,
+    /// Density with which the direction was drawn where the sky could also have been connected
+    /// to, and the chance of that connection; `None` after a mirror.
+    drawn: Option<(f32, f32)>,
+    seen: Option<Seen>,
+}
+
+/// A surface that a path met.
+struct Vertex {
+    position: Vec3,
+    bsdf: Bsdf,
+    place: Place,
+}
+
+impl Tracer<'_> {
+    /// Light along a ray, and what it meets first.
+    fn trace(
+        &self,
+        ray: Ray,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> (Vec3, Option<Seen>) {
+        let mut path = Path {
+            ray,
+            beta: Vec3::ONE,
+            light: Vec3::ZERO,
+            bounces: 0,
+            crossings: 0,
+            in_water: false,
+            is_straight: true,
+            drawn: None,
+            seen: None,
+        };
+        while self.step(&mut path, sampler, scratch) {}
+        (path.light, path.seen)
+    }
+
+    /// Follows the path to its next event; returns whether it goes on.
+    fn step(&self, path: &mut Path, sampler: &mut Sampler, scratch: &mut Scratch) -> bool {
+        let scene = self.scene;
+        let levels = &scene.levels;
+        let hit = levels.nearest(scene.solid, &path.ray, f32::INFINITY, scratch);
+        let surface = levels.nearest(scene.water, &path.ray, hit.t, scratch);
+        let distance = if surface.is_some() { surface.t } else { hit.t };
+        if path.in_water {
+            let [u, a, b, _] = sampler.next();
+            // Free flight in the medium; its end may come before anything is met.
+            let flight = -libm::logf(1.0 - u) / water::EXTINCTION;
+            if flight < distance {
+                return self.scatter_in_water(path, flight, [a, b], sampler, scratch);
+            }
+        }
+        if surface.is_some() {
+            return self.cross_water(path, surface.t, sampler);
+        }
+        if !hit.is_some() {
+            self.add_sky(path);
+            return false;
+        }
+        let vertex = self.vertex(path, &hit);
+        self.note(path, &vertex);
+        if path.is_straight {
+            self.add_haze(path, distance);
+        }
+        self.scatter(path, &vertex, sampler, scratch)
+    }
+
+    /// Surface and material at a hit.
+    fn vertex(&self, path: &Path, hit: &Hit) -> Vertex {
+        let place = self.scene.levels.place(self.scene.solid, hit);
+        let position = path.ray.origin + hit.t * path.ray.direction;
+        let material = self.material(&place, position);
+        let bsdf = Bsdf::new(&material, place.geometric, place.shading, -path.ray.direction);
+        Vertex { position, bsdf, place }
+    }
+
+    /// The material at a place, with its variation from organ to organ and plant to plant.
+    fn material(&self, place: &Place, position: Vec3) -> Material {
+        let mut material = self.scene.materials[usize::from(place.face.material)];
+        if let (true, Some(colors)) = (material.is_ground, &self.scene.colors) {
+            material.reflectance = colors.reflectance(position.x, position.y);
+            return material;
+        }
+        if material.variation > 0.0 {
+            let organ = f32::from(place.face.shade) / 65536.0;
+            let plant = (mix(place.plant) >> 40) as f32 / (1 << 24) as f32;
+            let grain = 0.5 + 0.5 * value(40.0 * (position.x + position.y), 18.0 * position.z, 9);
+            let mixed = if place.face.shade == 0 { grain } else { organ };
+            let factor = 1.0 - material.variation * (0.65 * mixed + 0.35 * plant);
+            material.reflectance *= factor;
+            material.transmittance *= factor;
+        }
+        material
+    }
+
+    /// Remembers what the eye sees first.
+    fn note(&self, path: &mut Path, vertex: &Vertex) {
+        if path.seen.is_none() {
+            path.seen = Some(Seen {
+                position: vertex.position,
+                albedo: vertex.bsdf.reflectance,
+                normal: vertex.bsdf.normal,
+                species: vertex.place.species,
+                plant: vertex.place.plant,
+            });
+        }
+    }
+
+    /// Sky and sun at the end of a path.
+    fn add_sky(&self, path: &mut Path) {
+        let direction = path.ray.direction;
+        let dome = &self.scene.dome;
+        let weight =
+            path.drawn.map_or(1.0, |(pdf, chance)| heuristic(pdf, chance * dome.pdf(direction)));
+        path.light += path.beta * dome.radiance(direction) * weight;
+        if let (true, Some(sun)) = (path.is_straight, &dome.sun)
+            && sun.covers(direction)
+        {
+            path.light += path.beta * sun.radiance;
+        }
+    }
+
+    /// Air between the eye and what it sees: it dims, and glows like the sky at the horizon.
+    fn add_haze(&self, path: &mut Path, distance: f32) {
+        if self.scene.haze == 0.0 {
+            return;
+        }
+        let clear = libm::expf(-self.scene.haze * distance);
+        // A few degrees above the horizon, in the direction of the ray.
+        let level = Vec3::new(path.ray.direction.x, path.ray.direction.y, 0.0);
+        let glow =
+            self.scene.dome.radiance((level.normalize_or(Vec3::Y) + 0.06 * Vec3::Z).normalize());
+        path.light += path.beta * glow * (1.0 - clear);
+        path.beta *= clear;
+    }
+
+    /// Connects to the lights, then goes on from a surface.
+    fn scatter(
+        &self,
+        path: &mut Path,
+        vertex: &Vertex,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> bool {
+        let view = -path.ray.direction;
+        let from = |direction: Vec3| {
+            let side = vertex.bsdf.geometric * vertex.bsdf.geometric.dot(direction).signum();
+            vertex.position + side * clearance(vertex.position)
+        };
+        let evaluate = |direction: Vec3| {
+            let scatter = vertex.bsdf.evaluate(view, direction);
+            (scatter.value, scatter.pdf)
+        };
+        let chance = self.connect(path, sampler, scratch, &from, &evaluate);
+        path.bounces += 1;
+        let [u, v, w, survival] = sampler.next();
+        if path.bounces >= self.bounces {
+            return self.finish(path, vertex, [u, v, w], &from, scratch);
+        }
+        let Some(sample) = vertex.bsdf.sample(view, [u, v, w]) else {
+            return false;
+        };
+        path.beta *= sample.weight;
+        path.ray = Ray { origin: from(sample.direction), direction: sample.direction };
+        path.drawn = Some((sample.pdf, chance));
+        path.is_straight = false;
+        survives(path, survival)
+    }
+
+    /// The last scattering: only the connections count, and the way to the sky that they share
+    /// their weight with.
+    fn finish(
+        &self,
+        path: &mut Path,
+        vertex: &Vertex,
+        u: [f32; 3],
+        from: &dyn Fn(Vec3) -> Vec3,
+        scratch: &mut Scratch,
+    ) -> bool {
+        let view = -path.ray.direction;
+        let Some(sample) = vertex.bsdf.sample(view, u) else {
+            return false;
+        };
+        let ray = Ray { origin: from(sample.direction), direction: sample.direction };
+        let reach = self.reach(path, &ray, scratch);
+        if reach > 0.0 {
+            let dome = &self.scene.dome;
+            let chance = if path.bounces == 1 { 1.0 } else { 1.0 - self.sun_chance() };
+            let weight = heuristic(sample.pdf, chance * dome.pdf(ray.direction));
+            path.light += path.beta * sample.weight * dome.radiance(ray.direction) * weight * reach;
+        }
+        false
+    }
+
+    /// Chance that a later connection goes to the sun.
+    fn sun_chance(&self) -> f32 {
+        if self.scene.dome.sun.is_some() { SUN_CHANCE } else { 0.0 }
+    }
+
+    /// Connects a vertex to sun and sky; returns the chance with which the sky was connected to.
+    ///
+    /// The first vertex is connected to both, later ones to one of them.
+    fn connect(
+        &self,
+        path: &mut Path,
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+        from: &dyn Fn(Vec3) -> Vec3,
+        evaluate: &dyn Fn(Vec3) -> (Vec3, f32),
+    ) -> f32 {
+        let dome = &self.scene.dome;
+        let [u, v, a, b] = sampler.next();
+        let is_first = path.bounces == 0;
+        let sun_chance = self.sun_chance();
+        // The same number chooses and, stretched again, draws.
+        let is_sun = u < sun_chance;
+        let (sun_u, sky_u, sun_weight, sky_chance) = if is_first {
+            (Some([u, v]), Some([a, b]), 1.0, 1.0)
+        } else if is_sun {
+            (Some([u / sun_chance, v]), None, 1.0 / sun_chance, 1.0 - sun_chance)
+        } else {
+            (None, Some([a, b]), 1.0, 1.0 - sun_chance)
+        };
+        if let (Some(u), Some(sun)) = (sun_u, &dome.sun) {
+            let light = sun.sample(u);
+            let (value, _) = evaluate(light.direction);
+            let gain = path.beta * value * light.radiance * (sun_weight / light.pdf);
+            self.add_connection(path, light.direction, gain, scratch, from);
+        }
+        if let Some(u) = sky_u {
+            let light = dome.sample(u);
+            let (value, pdf) = evaluate(light.direction);
+            let density = light.pdf * sky_chance;
+            let weight = heuristic(density, pdf) / density;
+            let gain = path.beta * value * light.radiance * weight;
+            self.add_connection(path, light.direction, gain, scratch, from);
+        }
+        sky_chance
+    }
+
+    /// Adds light that comes from a direction unless something stands in its way.
+    fn add_connection(
+        &self,
+        path: &mut Path,
+        direction: Vec3,
+        gain: Vec3,
+        scratch: &mut Scratch,
+        from: &dyn Fn(Vec3) -> Vec3,
+    ) {
+        if gain.max_element() > 0.0 {
+            let ray = Ray { origin: from(direction), direction };
+            let reach = self.reach(path, &ray, scratch);
+            path.light += gain * reach;
+        }
+    }
+
+    /// Part of the light from far away that comes down a ray: none behind things, some under
+    /// water.
+    fn reach(&self, path: &Path, ray: &Ray, scratch: &mut Scratch) -> f32 {
+        let (scene, levels) = (self.scene, &self.scene.levels);
+        if levels.is_blocked(scene.solid, ray, f32::INFINITY, scratch) {
+            return 0.0;
+        }
+        if !path.in_water {
+            return 1.0;
+        }
+        let surface = levels.nearest(scene.water, ray, f32::INFINITY, scratch);
+        if !surface.is_some() {
+            return 0.0;
+        }
+        let passes = 1.0 - water::reflectance(outside_cosine(ray.direction.z), false);
+        passes * water::transmittance(surface.t)
+    }
+
+    /// Meets the water's surface: a mirror or a window for the eye's own ray and for light from
+    /// above, a dimming pane for light that was scattered below.
+    fn cross_water(&self, path: &mut Path, t: f32, sampler: &mut Sampler) -> bool {
+        path.crossings += 1;
+        if path.crossings > CROSSINGS {
+            return false;
+        }
+        let position = path.ray.origin + t * path.ray.direction;
+        let direction = path.ray.direction;
+        let is_rising = direction.z > 0.0;
+        if is_rising && !path.is_straight {
+            // Connections from below cross straight, so this way of reaching the sky must too.
+            let passes = 1.0 - water::reflectance(outside_cosine(direction.z), false);
+            path.beta *= passes;
+            path.ray.origin = position + Vec3::Z * clearance(position);
+            path.in_water = false;
+            return path.beta.max_element() > 0.0;
+        }
+        let ripple = self.scene.ripples.normal(position.x, position.y);
+        let normal = if is_rising { -ripple } else { ripple };
+        if path.seen.is_none() {
+            let albedo = water::SCATTERING_ALBEDO * 0.1;
+            path.seen = Some(Seen { position, albedo, normal: ripple, species: 0, plant: 0 });
+            self.add_haze(path, t);
+        }
+        let cos = -direction.dot(normal);
+        let [u, ..] = sampler.next();
+        path.drawn = None;
+        let refracted = water::refract(direction, normal, is_rising);
+        match refracted {
+            Some(through) if u >= water::reflectance(cos, is_rising) => {
+                path.in_water = !is_rising;
+                path.ray =
+                    Ray { origin: position - normal * clearance(position), direction: through };
+            }
+            _ => {
+                let mirrored = direction + 2.0 * cos * normal;
+                // A ripple that leans far may mirror a flat ray into the water.
+                let up = normal.z.signum();
+                let lifted = mirrored.with_z(up * (up * mirrored.z).max(1e-3));
+                let direction = lifted.normalize();
+                path.ray = Ray { origin: position + normal * clearance(position), direction };
+            }
+        }
+        true
+    }
+
+    /// Scatters inside the water.
+    fn scatter_in_water(
+        &self,
+        path: &mut Path,
+        flight: f32,
+        u: [f32; 2],
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> bool {
+        let position = path.ray.origin + flight * path.ray.direction;
+        path.beta *= water::SCATTERING_ALBEDO;
+        // Isotropic: the phase function and its density are both 1 / 4π.
+        let phase = 0.25 * std::f32::consts::FRAC_1_PI;
+        let evaluate = |_| (Vec3::splat(phase), phase);
+        let chance = self.connect(path, sampler, scratch, &|_| position, &evaluate);
+        path.bounces += 1;
+        if path.bounces >= self.bounces {
+            return false;
+        }
+        path.ray = Ray { origin: position, direction: any_direction(u) };
+        path.drawn = Some((phase, chance));
+        path.is_straight = false;
+        let [survival, ..] = sampler.next();
+        survives(path, survival)
+    }
+}
+
+/// Ends a path at random when it carries little; those that live carry more.
+fn survives(path: &mut Path, u: f32) -> bool {
+    let carried = luminance(path.beta.to_array());
+    if carried <= 0.0 {
+        return false;
+    }
+    if path.bounces <= SURE_BOUNCES {
+        return true;
+    }
+    let chance = carried.clamp(0.05, 0.95);
+    path.beta /= chance;
+    u < chance
+}
+
+/// The power heuristic of two densities [Veach97 eq. 9.13], written so that infinities stay out.
+fn heuristic(mine: f32, other: f32) -> f32 {
+    if mine <= 0.0 {
+        return 0.0;
+    }
+    let ratio = other / mine;
+    1.0 / (1.0 + ratio * ratio)
+}
+
+/// Cosine to the vertical in air of a ray that comes straight out of water at this cosine.
+///
+/// Straight crossings are not refracted, so the angle in air is the angle in water.
+fn outside_cosine(z: f32) -> f32 {
+    z.abs()
+}
+
+/// Distance by which rays start off a surface: more than the rounding of its position.
+fn clearance(position: Vec3) -> f32 {
+    1e-4 + 1.5e-6 * position.abs().max_element()
 }

@@ -8,13 +8,15 @@ pub(crate) struct Face {
     /// Unit normals at the corners, packed.
     normals: [u32; 3],
     /// Index into the scene's materials.
-    pub material: u32,
+    pub material: u16,
+    /// A random number shared by all triangles of an organ, by which its colour varies.
+    pub shade: u16,
 }
 
 impl Face {
     /// A face with normals at its corners.
-    pub fn new(normals: [Vec3; 3], material: u32) -> Self {
-        Self { normals: normals.map(pack_normal), material }
+    pub fn new(normals: [Vec3; 3], material: u16) -> Self {
+        Self { normals: normals.map(pack_normal), material, shade: 0 }
     }
 
     /// Interpolated normal; `u` and `v` weigh the second and third corner.

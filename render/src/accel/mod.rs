@@ -15,5 +15,5 @@ mod level;
 mod traverse;
 
 pub(crate) use bounds::Bounds;
-pub(crate) use level::{Block, Instance, Level, Triangle};
-pub(crate) use traverse::{Hit, Levels, MAX_DEPTH, Ray, Scratch};
+pub(crate) use level::{Content, Instance, Level, Triangle};
+pub(crate) use traverse::{Hit, Levels, MAX_DEPTH, Place, Ray, Scratch};

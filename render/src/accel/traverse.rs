@@ -54,8 +54,8 @@ pub(crate) struct Place {
     pub geometric: Vec3,
     /// Unit normal interpolated between the corners.
     pub shading: Vec3,
-    /// Index into the scene's materials.
-    pub material: u32,
+    /// Material and colour of the triangle.
+    pub face: Face,
     /// Species number, 0 for none.
     pub species: u32,
     /// Plant of the outermost placement, 0 for none.
@@ -187,7 +187,7 @@ impl Levels {
         Place {
             geometric: out(edges.0.cross(edges.1).normalize_or(Vec3::Z)),
             shading: out(face.normal(hit.u, hit.v)),
-            material: face.material,
+            face,
             species: mesh.species,
             plant,
         }
@@ -578,6 +578,6 @@ mod tests {
         let place = levels.place(1, &hit);
         assert!(place.shading.abs_diff_eq(-Vec3::Y, 1e-5), "{}", place.shading);
         assert!(place.geometric.abs_diff_eq(-Vec3::Y, 1e-5));
-        assert_eq!((place.material, place.species, place.plant), (7, 3, 42));
+        assert_eq!((place.face.material, place.species, place.plant), (7, 3, 42));
     }
 }

@@ -1,0 +1,315 @@
+//! What surfaces do with light.
+//!
+//! A surface scatters diffusely to the side the light came from, and a leaf also to the other
+//! side; a smooth one has a thin glossy coat of microfacets [Walter07] with the Fresnel
+//! reflectance of cuticle (0.04 at normal incidence [Woolley71]) above that. What the coat
+//! reflects does not reach the leaf below.
+
+use crate::tone::luminance;
+use glam::Vec3;
+use std::f32::consts::{PI, TAU};
+
+/// Material of a triangle.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Material {
+    /// Diffuse reflectance.
+    pub reflectance: Vec3,
+    /// Diffuse transmittance; zero for what is opaque.
+    pub transmittance: Vec3,
+    /// Roughness of the coat; from [`MATT`] on there is none.
+    pub roughness: f32,
+    /// Largest part of the light that is lost or gained at random from leaf to leaf.
+    pub variation: f32,
+    /// Whether colour comes from the ground's map instead.
+    pub is_ground: bool,
+}
+
+/// Roughness from which on a surface has no coat to speak of.
+const MATT: f32 = 0.95;
+
+/// Fresnel reflectance of the coat at normal incidence.
+const COAT: f32 = 0.04;
+
+/// A surface at a point, turned towards the viewer.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Bsdf {
+    pub reflectance: Vec3,
+    transmittance: Vec3,
+    /// Microfacet roughness, or 0 without a coat.
+    alpha: f32,
+    /// Unit shading normal on the viewer's side.
+    pub normal: Vec3,
+    /// Unit geometric normal on the viewer's side.
+    pub geometric: Vec3,
+}
+
+/// How much light goes on, and how likely this direction was to be drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Scatter {
+    /// BSDF times cosine.
+    pub value: Vec3,
+    /// Density, 1/sr.
+    pub pdf: f32,
+}
+
+/// A direction that light goes on.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct BsdfSample {
+    pub direction: Vec3,
+    /// BSDF times cosine over density.
+    pub weight: Vec3,
+    /// Density, 1/sr.
+    pub pdf: f32,
+}
+
+impl Bsdf {
+    /// A surface with these normals, seen from `view` (a unit vector away from the surface).
+    pub fn new(material: &Material, geometric: Vec3, shading: Vec3, view: Vec3) -> Self {
+        let geometric = if geometric.dot(view) < 0.0 { -geometric } else { geometric };
+        let mut normal = if shading.dot(geometric) < 0.0 { -shading } else { shading };
+        // A normal that leans away from the viewer would make the near side black.
+        if normal.dot(view) < 0.02 {
+            normal = (normal + (0.02 - normal.dot(view)) * view).normalize_or(geometric);
+        }
+        let alpha = if material.roughness < MATT {
+            (material.roughness * material.roughness).max(0.01)
+        } else {
+            0.0
+        };
+        Self {
+            reflectance: material.reflectance,
+            transmittance: material.transmittance,
+            alpha,
+            normal,
+            geometric,
+        }
+    }
+
+    /// Probabilities of drawing the coat, reflection and transmission.
+    fn choices(&self, view: Vec3) -> [f32; 3] {
+        let coat = if self.alpha > 0.0 { fresnel(self.normal.dot(view)) } else { 0.0 };
+        let below = 1.0 - coat;
+        let weights = [
+            coat,
+            below * luminance(self.reflectance.to_array()),
+            below * luminance(self.transmittance.to_array()),
+        ];
+        let total: f32 = weights.iter().sum();
+        if total > 0.0 { weights.map(|weight| weight / total) } else { [0.0, 1.0, 0.0] }
+    }
+
+    /// Part of the light that passes the coat both ways.
+    fn passes_coat(&self, cos_view: f32, cos_light: f32) -> f32 {
+        if self.alpha == 0.0 {
+            return 1.0;
+        }
+        (1.0 - fresnel(cos_view)) * (1.0 - fresnel(cos_light))
+    }
+
+    /// Light from `light` to `view`, both unit vectors away from the surface.
+    pub fn evaluate(&self, view: Vec3, light: Vec3) -> Scatter {
+        let none = Scatter { value: Vec3::ZERO, pdf: 0.0 };
+        let (cos_view, cos_light) = (self.normal.dot(view), self.normal.dot(light));
+        // Shading and geometry must agree on the side, or light would leak through.
+        if cos_light * self.geometric.dot(light) <= 0.0 || cos_view <= 0.0 {
+            return none;
+        }
+        let [coat_chance, reflect_chance, transmit_chance] = self.choices(view);
+        let density = cos_light.abs() / PI;
+        let passes = self.passes_coat(cos_view, cos_light.abs());
+        if cos_light < 0.0 {
+            let value = self.transmittance * (passes * density);
+            return Scatter { value, pdf: transmit_chance * density };
+        }
+        let mut value = self.reflectance * (passes * density);
+        let mut pdf = reflect_chance * density;
+        if coat_chance > 0.0 {
+            let coat = self.coat(view, light);
+            value += coat.value;
+            pdf += coat_chance * coat.pdf;
+        }
+        Scatter { value, pdf }
+    }
+
+    /// Draws a direction from three uniform numbers.
+    pub fn sample(&self, view: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
+        let [coat_chance, reflect_chance, _] = self.choices(view);
+        let direction = if u[2] < coat_chance {
+            let half = self.visible_facet(view, [u[0], u[1]]);
+            2.0 * view.dot(half) * half - view
+        } else {
+            let up = cosine_direction(self.normal, [u[0], u[1]]);
+            if u[2] < coat_chance + reflect_chance {
+                up
+            } else {
+                up - 2.0 * up.dot(self.normal) * self.normal
+            }
+        };
+        let Scatter { value, pdf } = self.evaluate(view, direction);
+        (pdf > 0.0).then(|| BsdfSample { direction, weight: value / pdf, pdf })
+    }
+
+    /// The coat: GGX facets with height-correlated shadowing [Heitz14 eq. 99].
+    fn coat(&self, view: Vec3, light: Vec3) -> Scatter {
+        let half = (view + light).normalize_or(self.normal);
+        let (cos_view, cos_light) = (self.normal.dot(view), self.normal.dot(light));
+        let cos_half = self.normal.dot(half);
+        let a2 = self.alpha * self.alpha;
+        let d = cos_half * cos_half * (a2 - 1.0) + 1.0;
+        let facets = a2 / (PI * d * d);
+        let reach = |cos: f32| (a2 + (1.0 - a2) * cos * cos).sqrt();
+        let visible = 0.5 / (cos_light * reach(cos_view) + cos_view * reach(cos_light));
+        let value = fresnel(view.dot(half)) * facets * visible * cos_light;
+        // Density of visible facets over that of reflected directions [Heitz18 eq. 17].
+        let masked = 2.0 / (1.0 + reach(cos_view) / cos_view);
+        Scatter { value: Vec3::splat(value), pdf: masked * facets / (4.0 * cos_view) }
+    }
+
+    /// Draws a facet as the viewer sees them, by a spherical cap [DB23].
+    fn visible_facet(&self, view: Vec3, u: [f32; 2]) -> Vec3 {
+        let (x, y) = self.normal.any_orthonormal_pair();
+        let local = Vec3::new(view.dot(x), view.dot(y), view.dot(self.normal));
+        let stretched = Vec3::new(local.x * self.alpha, local.y * self.alpha, local.z).normalize();
+        let (sin, cos) = libm::sincosf(TAU * u[0]);
+        let z = (1.0 - u[1]) * (1.0 + stretched.z) - stretched.z;
+        let across = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
+        let half = Vec3::new(across * cos, across * sin, z) + stretched;
+        let half = Vec3::new(half.x * self.alpha, half.y * self.alpha, half.z).normalize();
+        half.x * x + half.y * y + half.z * self.normal
+    }
+}
+
+/// Fresnel reflectance of the coat, in Schlick's form [Schlick94].
+fn fresnel(cos: f32) -> f32 {
+    let miss = (1.0 - cos).clamp(0.0, 1.0);
+    COAT + (1.0 - COAT) * miss * miss * (miss * miss * miss)
+}
+
+/// A direction around `normal` with a density of cosine over π.
+fn cosine_direction(normal: Vec3, u: [f32; 2]) -> Vec3 {
+    let (x, y) = normal.any_orthonormal_pair();
+    let radius = u[0].sqrt();
+    let (sin, cos) = libm::sincosf(TAU * u[1]);
+    let up = (1.0 - u[0]).max(0.0).sqrt();
+    (radius * (cos * x + sin * y) + up * normal).normalize_or(normal)
+}
+
+/// A direction anywhere, uniformly.
+pub(crate) fn any_direction(u: [f32; 2]) -> Vec3 {
+    let z = 1.0 - 2.0 * u[0];
+    let across = (1.0 - z * z).max(0.0).sqrt();
+    let (sin, cos) = libm::sincosf(TAU * u[1]);
+    Vec3::new(across * cos, across * sin, z)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use weald_contract::{Seed, seed::Stream};
+
+    fn leaf(reflectance: f32, transmittance: f32, roughness: f32) -> Bsdf {
+        let material = Material {
+            reflectance: Vec3::splat(reflectance),
+            transmittance: Vec3::splat(transmittance),
+            roughness,
+            variation: 0.0,
+            is_ground: false,
+        };
+        Bsdf::new(&material, Vec3::Z, Vec3::Z, Vec3::Z)
+    }
+
+    fn numbers(chance: &mut Stream) -> [f32; 3] {
+        [0; 3].map(|_| chance.unit() as f32)
+    }
+
+    fn view_at(degrees: f32) -> Vec3 {
+        Vec3::new(degrees.to_radians().sin(), 0.0, degrees.to_radians().cos())
+    }
+
+    /// Mean weight of drawn directions: the part of the light that is not absorbed.
+    fn albedo(bsdf: &Bsdf, view: Vec3) -> f32 {
+        let mut chance = Seed(1).stream("albedo", 0);
+        let n = 40_000;
+        let weight = |u| bsdf.sample(view, u).map_or(0.0, |sample| sample.weight.x);
+        (0..n).map(|_| weight(numbers(&mut chance))).sum::<f32>() / n as f32
+    }
+
+    #[test]
+    fn a_matt_leaf_returns_exactly_what_it_reflects_and_transmits() {
+        for (reflectance, transmittance) in [(0.5, 0.5), (0.1, 0.3), (1.0, 0.0)] {
+            let got = albedo(&leaf(reflectance, transmittance, 1.0), view_at(30.0));
+            assert!((got - reflectance - transmittance).abs() < 1e-3, "{got}");
+        }
+    }
+
+    #[test]
+    fn no_coat_makes_light() {
+        for roughness in [0.05, 0.3, 0.6, 0.9] {
+            for degrees in [0.0, 45.0, 80.0, 88.0] {
+                let got = albedo(&leaf(0.6, 0.4, roughness), view_at(degrees));
+                assert!(got <= 1.005, "{roughness} at {degrees}° gave {got}");
+                assert!(got > 0.8, "{roughness} at {degrees}° kept only {got}");
+            }
+        }
+    }
+
+    #[test]
+    fn light_runs_the_same_way_backwards() {
+        let bsdf = leaf(0.3, 0.2, 0.4);
+        let mut chance = Seed(2).stream("reciprocity", 0);
+        for _ in 0..1000 {
+            let view = cosine_direction(Vec3::Z, [chance.unit() as f32, chance.unit() as f32]);
+            let light = cosine_direction(Vec3::Z, [chance.unit() as f32, chance.unit() as f32]);
+            let there = bsdf.evaluate(view, light).value.x / light.z;
+            let back = bsdf.evaluate(light, view).value.x / view.z;
+            assert!((there - back).abs() < 1e-3 * there.max(1.0), "{there} {back}");
+        }
+    }
+
+    #[test]
+    fn the_density_of_directions_is_what_it_is_said_to_be() {
+        // χ² over cells of equal area of the sphere, expected counts by fine integration.
+        let (rows, columns, draws) = (10, 12, 60_000);
+        for bsdf in [leaf(0.4, 0.3, 1.0), leaf(0.4, 0.0, 0.5), leaf(0.2, 0.3, 0.35)] {
+            let view = view_at(50.0);
+            let mut expected = vec![0.0f64; rows * columns];
+            let fine = 24;
+            for (cell, sum) in expected.iter_mut().enumerate() {
+                for i in 0..fine * fine {
+                    let part = |k: usize| (k as f32 + 0.5) / fine as f32;
+                    let v = (cell / columns) as f32 + part(i / fine);
+                    let u = (cell % columns) as f32 + part(i % fine);
+                    let direction = any_direction([v / rows as f32, u / columns as f32]);
+                    let area = 4.0 * std::f64::consts::PI / (rows * columns * fine * fine) as f64;
+                    *sum += f64::from(bsdf.evaluate(view, direction).pdf) * area;
+                }
+            }
+            let mut counts = vec![0u32; rows * columns];
+            let mut chance = Seed(3).stream("chi", 0);
+            for _ in 0..draws {
+                if let Some(sample) = bsdf.sample(view, numbers(&mut chance)) {
+                    let row = ((1.0 - sample.direction.z) / 2.0 * rows as f32) as usize;
+                    let turn = sample.direction.y.atan2(sample.direction.x) / TAU;
+                    let column = ((turn + 1.0) % 1.0 * columns as f32) as usize;
+                    counts[row.min(rows - 1) * columns + column.min(columns - 1)] += 1;
+                }
+            }
+            let (mut chi, mut freedom) = (0.0, 0);
+            for (&count, &share) in counts.iter().zip(&expected) {
+                let mean = share * f64::from(draws);
+                if mean > 5.0 {
+                    chi += (f64::from(count) - mean).powi(2) / mean;
+                    freedom += 1;
+                }
+            }
+            // Five standard deviations of χ² above its mean.
+            let limit = f64::from(freedom) + 5.0 * (2.0 * f64::from(freedom)).sqrt();
+            assert!(chi < limit, "χ² {chi} of {freedom} cells");
+        }
+    }
+
+    #[test]
+    fn schlick_gives_the_coat_at_normal_and_one_at_grazing_incidence() {
+        assert_eq!((fresnel(1.0), fresnel(0.0)), (COAT, 1.0));
+    }
+}

@@ -1,0 +1,156 @@
+//! The eye: a pinhole or a thin lens.
+
+use crate::accel::Ray;
+use glam::Vec3;
+
+/// Turns points of the picture into rays.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Camera {
+    eye: Vec3,
+    /// Unit vector towards what is looked at.
+    forward: Vec3,
+    /// From the middle of the picture at distance 1 to its right and upper rim.
+    right: Vec3,
+    up: Vec3,
+    lens_radius: f32,
+    /// Distance along `forward` of what is sharp.
+    focus: f32,
+}
+
+impl Camera {
+    /// A camera at `eye` that looks at `target`, both in scene-local metres.
+    ///
+    /// `fov` is the horizontal angle of view, `aspect` width over height. Looking straight up or
+    /// down, the top of the picture is north; looking at the eye itself means looking north.
+    pub fn new(eye: Vec3, target: Vec3, fov: f32, aspect: f32, lens_radius: f32) -> Self {
+        let forward = (target - eye).normalize_or(Vec3::Y);
+        let side = forward.cross(Vec3::Z);
+        let side = if side.length() > 1e-4 { side.normalize() } else { Vec3::X };
+        let half_width = libm::tanf(0.5 * fov);
+        Self {
+            eye,
+            forward,
+            right: side * half_width,
+            up: side.cross(forward) * (half_width / aspect),
+            lens_radius,
+            focus: (target - eye).length().max(0.05),
+        }
+    }
+
+    /// Distance of a point along the view axis, m.
+    pub fn depth(&self, position: Vec3) -> f32 {
+        (position - self.eye).dot(self.forward)
+    }
+
+    /// The ray through a point of the picture: x from -1 (left) to 1, y from -1 (bottom) to 1;
+    /// `lens` picks a point of the lens.
+    pub fn ray(&self, x: f32, y: f32, lens: [f32; 2]) -> Ray {
+        let through = self.forward + x * self.right + y * self.up;
+        if self.lens_radius == 0.0 {
+            return Ray { origin: self.eye, direction: through.normalize() };
+        }
+        let radius = self.lens_radius * lens[0].sqrt();
+        let (sin, cos) = libm::sincosf(std::f32::consts::TAU * lens[1]);
+        let offset =
+            radius * (cos * self.right.normalize_or(Vec3::X) + sin * self.up.normalize_or(Vec3::Z));
+        let origin = self.eye + offset;
+        let sharp = self.eye + self.focus * through;
+        Ray { origin, direction: (sharp - origin).normalize() }
+    }
+}
+
+/// Draws pixel offsets in proportion to a Blackman-Harris window [Harris78], so that every
+/// sample weighs the same [Ernst06].
+pub(crate) struct Filter {
+    /// Offsets at equal steps of the cumulative window, pixels.
+    quantiles: Vec<f32>,
+}
+
+impl Filter {
+    /// Half the width of the window, pixels.
+    const RADIUS: f64 = 1.5;
+    /// Quantiles kept; between them offsets are interpolated.
+    const STEPS: usize = 256;
+
+    /// The window, integrated.
+    pub fn new() -> Self {
+        let fine = 8192;
+        let window = |i: usize| {
+            let phase = std::f64::consts::TAU * (i as f64 + 0.5) / fine as f64;
+            0.35875 - 0.48829 * libm::cos(phase) + 0.14128 * libm::cos(2.0 * phase)
+                - 0.01168 * libm::cos(3.0 * phase)
+        };
+        let total: f64 = (0..fine).map(window).sum();
+        let (mut index, mut sum) = (0, 0.0);
+        let quantile = |step: usize| {
+            let goal = total * step as f64 / Self::STEPS as f64;
+            while index < fine && sum + window(index) < goal {
+                sum += window(index);
+                index += 1;
+            }
+            (Self::RADIUS * (2.0 * index as f64 / fine as f64 - 1.0)) as f32
+        };
+        Self { quantiles: (0..=Self::STEPS).map(quantile).collect() }
+    }
+
+    /// The offset for a uniform number.
+    pub fn offset(&self, uniform: f32) -> f32 {
+        let scaled = uniform * Self::STEPS as f32;
+        let index = (scaled as usize).min(Self::STEPS - 1);
+        let (low, high) = (self.quantiles[index], self.quantiles[index + 1]);
+        low + (scaled - index as f32) * (high - low)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_middle_of_the_picture_is_the_target_and_the_rim_is_half_the_angle_away() {
+        let fov = 60f32.to_radians();
+        let camera = Camera::new(Vec3::ZERO, Vec3::new(0.0, 10.0, 0.0), fov, 1.5, 0.0);
+        assert!(camera.ray(0.0, 0.0, [0.5; 2]).direction.abs_diff_eq(Vec3::Y, 1e-6));
+        let right = camera.ray(1.0, 0.0, [0.5; 2]).direction;
+        assert!((right.angle_between(Vec3::Y) - fov / 2.0).abs() < 1e-4);
+        assert!(right.x > 0.0, "east is to the right when one looks north");
+        assert!(camera.ray(0.0, 1.0, [0.5; 2]).direction.z > 0.0);
+    }
+
+    #[test]
+    fn all_rays_through_a_lens_meet_at_the_target() {
+        let target = Vec3::new(3.0, 4.0, 1.0);
+        let camera = Camera::new(Vec3::ZERO, target, 1.0, 1.0, 0.2);
+        for i in 0..20 {
+            let ray = camera.ray(0.0, 0.0, [i as f32 / 20.0, i as f32 * 0.37 % 1.0]);
+            let nearest = ray.origin + ray.direction * (target - ray.origin).dot(ray.direction);
+            assert!(nearest.abs_diff_eq(target, 1e-4));
+        }
+    }
+
+    #[test]
+    fn looking_straight_down_is_no_special_case_for_the_caller() {
+        let camera = Camera::new(Vec3::Z, Vec3::ZERO, 1.0, 1.0, 0.0);
+        assert!(camera.ray(0.3, 0.3, [0.0; 2]).direction.is_finite());
+        assert!(Camera::new(Vec3::Z, Vec3::Z, 1.0, 1.0, 0.0).forward.is_finite());
+    }
+
+    #[test]
+    fn the_filter_is_symmetric_with_the_variance_of_its_window() {
+        let filter = Filter::new();
+        let n = 10_000;
+        let offsets = (0..n).map(|i| f64::from(filter.offset((i as f32 + 0.5) / n as f32)));
+        let (sum, squares) = offsets.fold((0.0, 0.0), |(s, q), x| (s + x, q + x * x));
+        let (mean, variance) = (sum / f64::from(n), squares / f64::from(n));
+        // Variance of the window over [-R, R], integrated term by term:
+        // R² (1/3 + Σ 2 (-1)^k (a_k / a_0) / (π k)²), k = 1..3, with signed coefficients.
+        let a = [0.35875, 0.48829, 0.14128, 0.01168];
+        let terms = (1..4).map(|k| {
+            let pk = std::f64::consts::PI * k as f64;
+            2.0 * if k % 2 == 1 { -1.0 } else { 1.0 } * a[k] / a[0] / (pk * pk)
+        });
+        let exact = Filter::RADIUS.powi(2) * (1.0 / 3.0 + terms.sum::<f64>());
+        assert!(mean.abs() < 2e-3, "{mean}");
+        assert!((variance - exact).abs() < 0.01 * exact, "{variance} {exact}");
+    }
+}

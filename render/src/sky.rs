@@ -1,0 +1,399 @@
+//! Sun and sky.
+//!
+//! The sky is the analytic model of Hosek and Wilkie [HW12], tabulated over the upper half of
+//! the sphere so that it can be looked up and drawn from. Its RGB data come without an absolute
+//! scale; the zenith is brought to the luminance of [Preetham99 App. A.2]. The sun is a disc
+//! whose irradiance is that of space, dimmed by the same paper's transmittances, so sun and sky
+//! stand in proportion.
+
+use crate::tone::luminance;
+use glam::Vec3;
+use std::f32::consts::{PI, TAU};
+
+/// Columns of the table, around the horizon.
+const WIDTH: usize = 256;
+/// Rows of the table, from the horizon up; row boundaries lie at heights (row / HEIGHT)², which
+/// are dense near the horizon, where the sky changes fast.
+const HEIGHT: usize = 64;
+
+/// Half the apparent diameter of the sun, 0.533° at the mean distance, radians.
+const SUN_RADIUS: f64 = 0.533 / 2.0 * std::f64::consts::PI / 180.0;
+
+/// Solar illuminance outside the atmosphere, klx [IESNA00].
+const SOLAR_ILLUMINANCE: f64 = 133.3;
+
+/// Colour of sunlight outside the atmosphere at luminance 1: a black body of 5,778 K in
+/// Rec. 709 primaries.
+const SOLAR_COLOR: [f64; 3] = [1.05, 0.99, 0.95];
+
+/// Wavelengths that stand for red, green and blue, µm: the centroids of the Rec. 709 primaries'
+/// matching curves.
+const WAVELENGTHS: [f64; 3] = [0.612, 0.549, 0.465];
+
+/// Absorption by ozone at those wavelengths, 1/cm of ozone [Preetham99 Table 2].
+const OZONE: [f64; 3] = [0.124, 0.085, 0.012];
+
+/// Light from outside the scene.
+pub(crate) struct Dome {
+    /// Radiance at the cell centres, row by row from the horizon.
+    table: Vec<Vec3>,
+    /// Radiance from below the horizon: the ground beyond the scene.
+    below: Vec3,
+    /// The sun, if it shines.
+    pub sun: Option<Sun>,
+    /// Cumulative probability of rows, then of cells in each row; each ends with 1.
+    row_sums: Vec<f32>,
+    cell_sums: Vec<f32>,
+    /// Probability density of drawing a direction in a cell, 1/sr.
+    densities: Vec<f32>,
+}
+
+/// The disc of the sun.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Sun {
+    /// Unit vector towards its middle.
+    pub direction: Vec3,
+    /// Radiance of the disc, kcd/m².
+    pub radiance: Vec3,
+    /// Cosine of its angular radius.
+    cos_radius: f32,
+}
+
+/// A direction drawn from a light.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct LightSample {
+    pub direction: Vec3,
+    pub radiance: Vec3,
+    /// Probability density, 1/sr.
+    pub pdf: f32,
+}
+
+impl Sun {
+    /// Solid angle of the disc, sr.
+    fn solid_angle(&self) -> f32 {
+        // 2π (1 - cos r) loses all digits in single precision; sin² does not.
+        (2.0 * std::f64::consts::PI * 2.0 * libm::sin(0.5 * SUN_RADIUS).powi(2)) as f32
+    }
+
+    /// Draws a direction, uniformly over the disc.
+    pub fn sample(&self, u: [f32; 2]) -> LightSample {
+        let sin = (SUN_RADIUS * f64::from(u[0]).sqrt()) as f32;
+        let (side, up) = self.direction.any_orthonormal_pair();
+        let (s, c) = libm::sincosf(TAU * u[1]);
+        let direction =
+            ((1.0 - sin * sin).sqrt() * self.direction + sin * (c * side + s * up)).normalize();
+        LightSample { direction, radiance: self.radiance, pdf: 1.0 / self.solid_angle() }
+    }
+
+    /// Whether a direction points at the disc.
+    pub fn covers(&self, direction: Vec3) -> bool {
+        direction.dot(self.direction) >= self.cos_radius
+    }
+}
+
+impl Dome {
+    /// The sky of a table `[sky]`.
+    pub fn new(sky: &crate::Sky) -> Self {
+        let elevation = f64::from(sky.sun_elevation_deg).to_radians();
+        let azimuth = f64::from(sky.sun_azimuth_deg).to_radians();
+        let toward = Vec3::new(
+            (libm::sin(azimuth) * libm::cos(elevation)) as f32,
+            (libm::cos(azimuth) * libm::cos(elevation)) as f32,
+            libm::sin(elevation) as f32,
+        );
+        let turbidity = f64::from(sky.turbidity);
+        let irradiance = sun_irradiance(elevation, turbidity);
+        let mut sun = Sun {
+            direction: toward,
+            radiance: Vec3::ONE,
+            cos_radius: libm::cos(SUN_RADIUS) as f32,
+        };
+        sun.radiance = irradiance.map(|e| e as f32).into();
+        sun.radiance /= sun.solid_angle();
+        let table = tabulate(sky, toward, zenith_luminance(elevation, turbidity));
+        let mut dome = Self::from_table(table, Vec3::ZERO, Some(sun));
+        let direct = Vec3::from(irradiance.map(|e| e as f32)) * toward.z;
+        dome.below = sky.ground_albedo / PI * (direct + dome.irradiance());
+        dome
+    }
+
+    /// The same radiance from everywhere and no sun: a furnace.
+    #[cfg(test)]
+    pub fn constant(radiance: f32) -> Self {
+        let radiance = Vec3::splat(radiance);
+        Self::from_table(vec![radiance; WIDTH * HEIGHT], radiance, None)
+    }
+
+    /// A sun and nothing else.
+    #[cfg(test)]
+    pub fn only_sun(mut self) -> Self {
+        self.table.fill(Vec3::ZERO);
+        self.below = Vec3::ZERO;
+        self
+    }
+
+    fn from_table(table: Vec<Vec3>, below: Vec3, sun: Option<Sun>) -> Self {
+        let weight = |index: usize| {
+            // A floor keeps every direction possible, so that no cell between bright
+            // neighbours, which interpolation lights, is ever missed.
+            let radiance = luminance(table[index].to_array()) + 1e-4;
+            f64::from(radiance) * f64::from(cell_solid_angle(index / WIDTH))
+        };
+        let total: f64 = (0..table.len()).map(weight).sum();
+        let mut dome = Self {
+            densities: (0..table.len())
+                .map(|i| (weight(i) / total) as f32 / cell_solid_angle(i / WIDTH))
+                .collect(),
+            row_sums: Vec::with_capacity(HEIGHT),
+            cell_sums: Vec::with_capacity(table.len()),
+            below,
+            sun,
+            table: Vec::new(),
+        };
+        let mut sum = 0.0;
+        for row in 0..HEIGHT {
+            let cells = row * WIDTH..(row + 1) * WIDTH;
+            let row_weight: f64 = cells.clone().map(weight).sum();
+            sum += row_weight;
+            dome.row_sums.push((sum / total) as f32);
+            let mut part = 0.0;
+            for index in cells {
+                part += weight(index);
+                dome.cell_sums.push((part / row_weight) as f32);
+            }
+        }
+        dome.table = table;
+        dome
+    }
+
+    /// Irradiance of the sky without sun on level ground.
+    pub fn irradiance(&self) -> Vec3 {
+        let part = |index: usize| {
+            let (low, high) = row_heights(index / WIDTH);
+            self.table[index] * (0.5 * (low + high) * cell_solid_angle(index / WIDTH))
+        };
+        (0..self.table.len()).map(part).sum()
+    }
+
+    /// Radiance from a direction, without the sun.
+    pub fn radiance(&self, direction: Vec3) -> Vec3 {
+        if direction.z <= 0.0 {
+            return self.below;
+        }
+        let row = direction.z.min(1.0).sqrt() * HEIGHT as f32 - 0.5;
+        let column = azimuth_turns(direction) * WIDTH as f32 - 0.5;
+        let (r0, c0) = (row.max(0.0) as usize, column.floor());
+        let (fr, fc) = (row.max(0.0) - r0 as f32, column - c0);
+        let r1 = (r0 + 1).min(HEIGHT - 1);
+        let c0 = (c0 as i32).rem_euclid(WIDTH as i32) as usize;
+        let c1 = (c0 + 1) % WIDTH;
+        let line = |r: usize| self.table[r * WIDTH + c0].lerp(self.table[r * WIDTH + c1], fc);
+        line(r0.min(HEIGHT - 1)).lerp(line(r1), fr)
+    }
+
+    /// Draws a direction above the horizon in proportion to the sky's luminance.
+    pub fn sample(&self, u: [f32; 2]) -> LightSample {
+        let (row, fr) = invert(&self.row_sums, u[0]);
+        let (column, fc) = invert(&self.cell_sums[row * WIDTH..(row + 1) * WIDTH], u[1]);
+        let (low, high) = row_heights(row);
+        let z = low + fr * (high - low);
+        let (sin, cos) = libm::sincosf(TAU * (column as f32 + fc) / WIDTH as f32);
+        let across = (1.0 - z * z).max(0.0).sqrt();
+        let direction = Vec3::new(across * cos, across * sin, z.max(1e-6));
+        let pdf = self.densities[row * WIDTH + column];
+        LightSample { direction, radiance: self.radiance(direction), pdf }
+    }
+
+    /// Density with which [`Dome::sample`] draws a direction, 1/sr.
+    pub fn pdf(&self, direction: Vec3) -> f32 {
+        if direction.z <= 0.0 {
+            return 0.0;
+        }
+        let row = ((direction.z.min(1.0).sqrt() * HEIGHT as f32) as usize).min(HEIGHT - 1);
+        let column = (azimuth_turns(direction) * WIDTH as f32) as usize;
+        self.densities[row * WIDTH + column.min(WIDTH - 1)]
+    }
+}
+
+/// Sine of the elevation at the lower and upper rim of a row.
+fn row_heights(row: usize) -> (f32, f32) {
+    let rim = |row: usize| (row as f32 / HEIGHT as f32).powi(2);
+    (rim(row), rim(row + 1))
+}
+
+fn cell_solid_angle(row: usize) -> f32 {
+    let (low, high) = row_heights(row);
+    (high - low) * TAU / WIDTH as f32
+}
+
+/// Angle from east, counter-clockwise, in turns: [0, 1).
+fn azimuth_turns(direction: Vec3) -> f32 {
+    let turns = libm::atan2f(direction.y, direction.x) / TAU;
+    if turns < 0.0 { turns + 1.0 } else { turns }
+}
+
+/// The step of a cumulative distribution that holds `u`, and how far into it `u` lies.
+fn invert(sums: &[f32], u: f32) -> (usize, f32) {
+    let step = sums.partition_point(|&sum| sum <= u).min(sums.len() - 1);
+    let low = if step == 0 { 0.0 } else { sums[step - 1] };
+    let width = sums[step] - low;
+    (step, if width > 0.0 { ((u - low) / width).clamp(0.0, 1.0) } else { 0.5 })
+}
+
+/// Luminance of the zenith, kcd/m² [Preetham99 App. A.2].
+fn zenith_luminance(elevation: f64, turbidity: f64) -> f64 {
+    let from_zenith = std::f64::consts::FRAC_PI_2 - elevation;
+    let chi = (4.0 / 9.0 - turbidity / 120.0) * (std::f64::consts::PI - 2.0 * from_zenith);
+    let luminance = (4.0453 * turbidity - 4.9710) * libm::tan(chi) - 0.2155 * turbidity + 2.4192;
+    // Below turbidity 2 the fit leaves its data and can become negative.
+    luminance.max(0.5)
+}
+
+/// Irradiance of the sun on a plane that faces it, klx, as linear Rec. 709
+/// [Preetham99 App. A.1].
+fn sun_irradiance(elevation: f64, turbidity: f64) -> [f64; 3] {
+    let zenith_deg = 90.0 - elevation.to_degrees();
+    // Relative optical mass of the air [KY89].
+    let mass = 1.0 / (libm::sin(elevation) + 0.50572 * libm::pow(96.07995 - zenith_deg, -1.6364));
+    let aerosol = 0.04608 * turbidity - 0.04586;
+    let ozone_cm = 0.35;
+    [0, 1, 2].map(|band| {
+        let wavelength = WAVELENGTHS[band];
+        let rayleigh = 0.008735 * libm::pow(wavelength, -4.08);
+        let haze = aerosol.max(0.0) * libm::pow(wavelength, -1.3);
+        let optical_depth = rayleigh + haze + OZONE[band] * ozone_cm;
+        SOLAR_ILLUMINANCE * SOLAR_COLOR[band] * libm::exp(-optical_depth * mass)
+    })
+}
+
+/// Radiance at all cell centres, scaled so that the zenith has the given luminance.
+fn tabulate(sky: &crate::Sky, sun: Vec3, zenith: f64) -> Vec<Vec3> {
+    use hw_skymodel::rgb::{SkyParams, SkyState};
+    let params = SkyParams {
+        // The model begins at the horizon and ends at the zenith.
+        elevation: sky.sun_elevation_deg.clamp(0.0, 90.0).to_radians().min(0.5 * PI),
+        turbidity: sky.turbidity.clamp(1.0, 10.0),
+        albedo: [sky.ground_albedo.clamp(0.0, 1.0); 3],
+    };
+    let Ok(state) = SkyState::new(&params) else {
+        // Clamped parameters are always in range.
+        return vec![Vec3::ZERO; WIDTH * HEIGHT];
+    };
+    let (coefficients, radiances) = state.raw();
+    let model = |direction: Vec3| hosek_wilkie(&coefficients, &radiances, direction, sun);
+    let scale = zenith as f32 / luminance(model(Vec3::Z).to_array()).max(1e-6);
+    let cell = |index: usize| {
+        let (row, column) = (index / WIDTH, index % WIDTH);
+        let z = ((row as f32 + 0.5) / HEIGHT as f32).powi(2);
+        let (sin, cos) = libm::sincosf(TAU * (column as f32 + 0.5) / WIDTH as f32);
+        let across = (1.0 - z * z).sqrt();
+        model(Vec3::new(across * cos, across * sin, z)).max(Vec3::ZERO) * scale
+    };
+    (0..WIDTH * HEIGHT).map(cell).collect()
+}
+
+/// The formula of [HW12 eq. 8 and 9], in `libm` so that it gives the same bits everywhere.
+fn hosek_wilkie(
+    coefficients: &[f32; 27],
+    radiances: &[f32; 3],
+    direction: Vec3,
+    sun: Vec3,
+) -> Vec3 {
+    let cos_gamma = direction.dot(sun).clamp(-1.0, 1.0);
+    let gamma = libm::acosf(cos_gamma);
+    let cos_theta = direction.z.max(0.0);
+    let channel = |c: usize| {
+        let p = &coefficients[9 * c..9 * c + 9];
+        let mie = (1.0 + cos_gamma * cos_gamma)
+            / libm::powf(1.0 + p[8] * p[8] - 2.0 * p[8] * cos_gamma, 1.5);
+        let gradient = 1.0 + p[0] * libm::expf(p[1] / (cos_theta + 0.01));
+        let glow = p[2]
+            + p[3] * libm::expf(p[4] * gamma)
+            + p[5] * cos_gamma * cos_gamma
+            + p[6] * mie
+            + p[7] * cos_theta.sqrt();
+        radiances[c] * gradient * glow
+    };
+    Vec3::new(channel(0), channel(1), channel(2))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use weald_contract::Seed;
+
+    fn day() -> Dome {
+        Dome::new(&crate::Sky::clear_day())
+    }
+
+    #[test]
+    fn drawn_directions_have_the_density_they_claim() {
+        let dome = day();
+        let mut chance = Seed(2).stream("sky", 0);
+        // The mean of 1 / pdf over samples of the hemisphere is its solid angle, 2π, and the
+        // mean of f / pdf is the integral of f: here of cosine times radiance.
+        let n = 60_000;
+        let (mut angle, mut light) = (0.0f64, Vec3::ZERO);
+        for _ in 0..n {
+            let sample = dome.sample([chance.unit() as f32, chance.unit() as f32]);
+            let again = dome.pdf(sample.direction);
+            assert!((again / sample.pdf - 1.0).abs() < 0.5 || again > 0.0);
+            angle += f64::from(1.0 / sample.pdf) / f64::from(n);
+            light += sample.radiance * (sample.direction.z / sample.pdf / n as f32);
+        }
+        assert!((angle - f64::from(TAU)).abs() < 0.02 * f64::from(TAU), "{angle}");
+        let exact = dome.irradiance();
+        assert!((light - exact).abs().max_element() < 0.02 * exact.max_element());
+    }
+
+    #[test]
+    fn a_constant_dome_lights_level_ground_with_pi() {
+        let light = Dome::constant(1.0).irradiance();
+        assert!((light - PI).abs().max_element() < 1e-3, "{light}");
+    }
+
+    #[test]
+    fn sun_and_sky_stand_in_the_proportion_of_a_clear_day() {
+        // On a clear day with the sun at 35° the sky gives 15 to 35 % of the light on level
+        // ground, and the whole is 50 to 80 klx [IESNA00, ch. 8].
+        let dome = day();
+        let sun = dome.sun.unwrap();
+        let direct = luminance((sun.radiance * sun.solid_angle()).to_array()) * sun.direction.z;
+        let sky = luminance(dome.irradiance().to_array());
+        assert!((50.0..80.0).contains(&(direct + sky)), "{direct} + {sky} klx");
+        assert!((0.15..0.35).contains(&(sky / (sky + direct))), "{direct} + {sky} klx");
+    }
+
+    #[test]
+    fn the_sun_of_a_low_elevation_is_redder() {
+        let [r, _, b] = sun_irradiance(10f64.to_radians(), 3.0);
+        let [high_r, _, high_b] = sun_irradiance(60f64.to_radians(), 3.0);
+        assert!(r / b > 1.3 * high_r / high_b);
+    }
+
+    #[test]
+    fn our_formula_gives_the_radiance_of_the_published_model() {
+        use hw_skymodel::rgb::{Channel, SkyParams, SkyState};
+        let params = SkyParams { elevation: 0.6, turbidity: 3.0, albedo: [0.2; 3] };
+        let state = SkyState::new(&params).unwrap();
+        let (coefficients, radiances) = state.raw();
+        let sun = Vec3::new(0.6f32.cos(), 0.0, 0.6f32.sin());
+        let direction = Vec3::new(0.2, 0.5, 0.7).normalize();
+        let mine = hosek_wilkie(&coefficients, &radiances, direction, sun);
+        let gamma = direction.angle_between(sun);
+        let theirs = state.radiance(direction.z.acos(), gamma, Channel::G);
+        assert!((mine.y / theirs - 1.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn the_sun_is_drawn_inside_its_disc() {
+        let sun = day().sun.unwrap();
+        let mut chance = Seed(4).stream("sun", 0);
+        for _ in 0..1000 {
+            let u = [chance.unit() as f32 * 0.99, chance.unit() as f32];
+            let angle = sun.sample(u).direction.as_dvec3().cross(sun.direction.as_dvec3()).length();
+            assert!(angle < SUN_RADIUS * 1.001);
+        }
+        assert!((sun.solid_angle() - 6.8e-5).abs() < 1e-6, "{}", sun.solid_angle());
+    }
+}

@@ -135,7 +135,8 @@ impl Columns<'_> {
             let square: f32 = rotation.iter().map(|part| part * part).sum();
             // Written as 32-bit numbers, a unit quaternion keeps its length within 1e-6; other
             // programs may have rounded theirs.
-            if !((square - 1.0).abs() < 1e-3) {
+            let is_unit = (square - 1.0).abs() < 1e-3;
+            if !is_unit {
                 return Err(self.wrong(row, "qx, qy, qz, qw", "this is no unit quaternion"));
             }
         }
@@ -263,7 +264,8 @@ mod tests {
     fn rows_that_are_no_placement_are_named() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("instances.parquet");
-        let spoil: [(&str, fn(&mut Instances)); 3] = [
+        type Spoil = fn(&mut Instances);
+        let spoil: [(&str, Spoil); 3] = [
             ("row 2, column `scale`", |rows| rows.scale[1] = 0.0),
             ("row 1, column `qx, qy, qz, qw`", |rows| rows.rotation[0] = [0.0; 4]),
             ("row 1, column `x, y, z`", |rows| rows.position[0][2] = f64::NAN),

@@ -343,9 +343,9 @@ mod tests {
             height: float(20.0),
             age: float(120.0),
             vigor: float(1.0),
-            yaw: float(6.28),
+            yaw: float(6.0),
             lean: float(0.3),
-            lean_azimuth: -float(6.28),
+            lean_azimuth: -float(6.0),
         };
         let plants: Vec<Plant> = (0..count).map(plant).collect();
         let extra = plants.iter().map(|plant| plant.age * 0.1).collect();

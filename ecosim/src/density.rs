@@ -30,6 +30,15 @@ pub(crate) struct Density<'a> {
     kind: Kind<'a>,
 }
 
+/// What a first look at a density found.
+pub(crate) struct Look {
+    grid: Grid,
+    /// Greatest density, plants per m².
+    greatest: f32,
+    /// Plants in all, about.
+    pub(crate) count: f64,
+}
+
 /// A rectangle in map coordinates: the part of a cell that lies on the terrain.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Patch {
@@ -130,21 +139,38 @@ impl<'a> Density<'a> {
         }
     }
 
+    /// Takes a first look at the whole terrain: where plants are wanted, and how dense.
+    ///
+    /// Features narrower than a terrain cell that lie more than two cells from any other are
+    /// not found.
+    pub(crate) fn look(&self) -> Result<Look, Error> {
+        let terrain = self.ground.frame();
+        let (width, height) = (terrain.east() - terrain.west, terrain.north() - terrain.south);
+        let cell = terrain.cell.max((width * height / LOOK_CELLS).sqrt());
+        let grid = self.raster(covering(terrain, cell))?;
+        let greatest = grid.values.iter().fold(0.0f32, |most, &value| most.max(value));
+        if let (Some(formula), false) = (&self.formula, greatest.is_finite()) {
+            let problem = Problem::at(formula.span(), "this gives an infinite density somewhere");
+            return Err(problem.hint("guard divisions with `max`").into());
+        }
+        let count = grid.values.iter().map(|value| f64::from(*value)).sum::<f64>() * cell * cell;
+        Ok(Look { grid, greatest, count })
+    }
+
     /// Returns the raster whose cells hold at most one plant, cropped to where plants are
     /// wanted; `None` when they are wanted nowhere.
     ///
-    /// `cell` overrules the side of the cells. Features narrower than a terrain cell that lie
-    /// more than two cells from any other are not found.
-    pub(crate) fn fitted(&self, cell: Option<f64>, what: &str) -> Result<Option<Grid>, Error> {
+    /// `cell` overrules the side of the cells.
+    pub(crate) fn fitted(
+        &self,
+        look: &Look,
+        cell: Option<f64>,
+        what: &str,
+    ) -> Result<Option<Grid>, Error> {
         let terrain = self.ground.frame();
         let (width, height) = (terrain.east() - terrain.west, terrain.north() - terrain.south);
-        let look_cell = terrain.cell.max((width * height / LOOK_CELLS).sqrt());
-        let look = self.raster(Frame { cell: look_cell, ..covering(terrain, look_cell) })?;
-        let greatest = look.values.iter().fold(0.0f32, |most, &value| most.max(value));
-        let Some(extent) = occupied(&look) else { return Ok(None) };
-        if !greatest.is_finite() {
-            return Err(Problem::new(format!("{what} has an infinite density")).into());
-        }
+        let greatest = look.greatest;
+        let Some(extent) = occupied(&look.grid) else { return Ok(None) };
         let side = width.max(height);
         let usual = (FILLING / f64::from(greatest)).sqrt().min(side / LEAST_CELLS_ACROSS);
         // A whole number of cells along the terrain keeps the rim cells whole.

@@ -5,7 +5,7 @@ use crate::shadow::crown_shadow;
 use crate::stand::Stand;
 use rayon::prelude::*;
 use weald_contract::formula::Variable;
-use weald_contract::{Formula, Frame, Grid, Image, Layers, Problem, Written};
+use weald_contract::{Formula, Frame, Grid, Image, Layers, Problem, Span, Written};
 
 /// Values evaluated together by a formula; its own block length.
 const BLOCK: usize = 1024;
@@ -81,6 +81,11 @@ impl<'a> BoundFormula<'a> {
         let origins = reads.map(origin).collect::<Result<_, _>>()?;
         let corner = [terrain.frame.west, terrain.frame.south];
         Ok(Self { formula, origins, corner })
+    }
+
+    /// Returns where the formula was written.
+    pub(crate) fn span(&self) -> Span {
+        self.formula.span
     }
 
     /// Computes the formula at `count` places given in map coordinates by `place`.

@@ -69,7 +69,12 @@ fn scatter(
     let what = format!("the halftone of `{}`", halftone.species.value);
     site.progress.begin(&what, 2 + u64::from(halftone.relax), "passes");
     let cell = halftone.cell.as_ref().map(|cell| cell.value);
-    let Some(raster) = density.fitted(cell, &what)? else { return Ok(Vec::new()) };
+    let look = density.look()?;
+    // The look is rough; what is far too much is refused before finer work.
+    if look.count > 2.0 * stand.room() as f64 {
+        stand.check_room(look.count as u64, &what)?;
+    }
+    let Some(raster) = density.fitted(&look, cell, &what)? else { return Ok(Vec::new()) };
     site.progress.advance(1);
     let terrain = site.ground.frame();
     let expected = expected_plants(&raster, terrain);
@@ -77,7 +82,7 @@ fn scatter(
         check_one_a_cell(&raster, &expected, terrain, cell.span)?;
     }
     let total: f64 = expected.par_chunks(4096).map(sum).collect::<Vec<_>>().iter().sum();
-    stand.check_room(total as u64, &what)?;
+    stand.check_room(total.round() as u64, &what)?;
     let cells = dither(raster.frame.width, expected);
     site.progress.advance(1);
     let homes: Vec<[f64; 2]> =
@@ -166,7 +171,7 @@ fn grid(
     let terrain = site.ground.frame();
     let frame = whole_cells(terrain, side);
     let cells = frame.width as u64 * frame.height as u64;
-    stand.check_room(cells.min(u64::MAX / 2), &what)?;
+    stand.check_room(cells, &what)?;
     let raster = density.raster(frame)?;
     let taken = |(index, &probability): (usize, &f32)| {
         let (x, y) = frame.center(index % frame.width, index / frame.width);

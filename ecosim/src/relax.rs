@@ -17,6 +17,7 @@ use crate::stand::{Stand, stand_on};
 use crate::steps::Site;
 use delaunator::{Point, next_halfedge, triangulate};
 use rayon::prelude::*;
+use std::f64::consts::SQRT_2;
 use weald_contract::{Frame, Grid};
 
 /// Plants in a tile, at most. Delaunay triangulation is fastest while a tile fits the second
@@ -145,8 +146,9 @@ fn relax_tile(
     masses: &Masses<'_>,
     relaxation: &Relaxation,
 ) -> Vec<(u32, [f64; 2])> {
-    let widest = 2.0 * tile.spacing();
-    let sites = with_ring(tile, tiles, places, 2.0 * std::f64::consts::SQRT_2 * REACH * widest);
+    // A lone tile knows every plant, so that nothing bounds its polygons but the ground.
+    let widest = if tiles.len() == 1 { masses.diagonal() } else { 2.0 * tile.spacing() };
+    let sites = with_ring(tile, tiles, places, 2.0 * SQRT_2 * REACH * widest);
     let neighbours = Neighbours::new(&sites, tile.members.len());
     let (mut polygon, mut spare) = (Vec::with_capacity(32), Vec::with_capacity(32));
     let relaxed = |(own, &index): (usize, &u32)| {
@@ -332,6 +334,12 @@ impl<'a> Masses<'a> {
         let plants = sums.iter().sum::<f64>() * frame.cell_area();
         let scale = if plants > 0.0 { count as f64 / plants } else { 0.0 };
         Self { density, scale, width, height, cell, weights, running }
+    }
+
+    /// Returns the longest distance on the raster, m.
+    fn diagonal(&self) -> f64 {
+        let frame = self.density.frame;
+        frame.cell * ((frame.width * frame.width + frame.height * frame.height) as f64).sqrt()
     }
 
     fn local(&self, [x, y]: [f64; 2]) -> [f64; 2] {

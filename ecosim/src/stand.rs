@@ -97,9 +97,14 @@ impl<'a> Stand<'a> {
         self.kinds[usize::from(species)]
     }
 
+    /// Returns how many more plants the limit allows.
+    pub(crate) fn room(&self) -> u64 {
+        self.most.saturating_sub(self.population.len() as u64)
+    }
+
     /// Complains when `more` plants would exceed the limit.
     pub(crate) fn check_room(&self, more: u64, what: &str) -> Result<(), Error> {
-        let would = self.population.len() as u64 + more;
+        let would = (self.population.len() as u64).saturating_add(more);
         if would <= self.most {
             return Ok(());
         }

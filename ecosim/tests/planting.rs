@@ -1,0 +1,270 @@
+//! Densities become plants: counts, evenness, masks, and fidelity to what was painted.
+
+mod world;
+
+use weald_contract::{Frame, Grid, Seed};
+use weald_ecosim::{Relaxation, relax};
+use world::{HERB, plain, unevenness};
+
+#[test]
+fn a_constant_density_gives_its_integral_in_evenly_spaced_plants() {
+    let world = plain(100, 0.5).with_species("herb", HERB);
+    for per_m2 in [0.002, 0.3, 0.777, 2.0] {
+        let steps = format!(
+            "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\nper_m2 = {per_m2}\nrelax = 5"
+        );
+        let population = world.grow(&steps).unwrap().population;
+        assert_eq!(population.len(), (per_m2 * 2500.0_f64).round() as usize);
+        if population.len() > 500 {
+            let spread = unevenness(&world.places(&population), 50.0, 3.0);
+            assert!(spread <= 0.10, "{spread} at {per_m2}");
+        }
+    }
+}
+
+#[test]
+fn relaxation_makes_neighbours_more_evenly_spaced() {
+    let world = plain(100, 0.5).with_species("herb", HERB);
+    let spread = |passes: u32| {
+        let steps = format!(
+            "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\nper_m2 = 1\nrelax = {passes}"
+        );
+        unevenness(&world.places(&world.grow(&steps).unwrap().population), 50.0, 3.0)
+    };
+    let (none, few, many) = (spread(0), spread(3), spread(30));
+    assert!(few < 0.6 * none && many < 0.9 * few, "{none} {few} {many}");
+}
+
+/// A disc of full density in an image of 200 x 200 pixels.
+fn disc(column: usize, row: usize) -> f32 {
+    let (dx, dy) = (column as f64 - 99.5, row as f64 - 99.5);
+    if dx * dx + dy * dy < 60.0 * 60.0 { 1.0 } else { 0.0 }
+}
+
+#[test]
+fn plants_keep_to_what_is_painted_and_to_its_count() {
+    let world = plain(50, 1.0).with_species("herb", HERB).with_image("disc.png", 200, 200, disc);
+    let steps = "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\ndensity = \"disc.png\"\n\
+                 per_m2 = 4\nrelax = 20";
+    let population = world.grow(steps).unwrap().population;
+    let pixels = (0..200 * 200).filter(|i| disc(i % 200, i / 200) > 0.0).count();
+    let wanted = pixels as f64 * 4.0 / 16.0;
+    assert!((population.len() as f64 - wanted).abs() <= 0.01 * wanted);
+    for [x, y] in world.places(&population) {
+        // Cells that the rim of the disc crosses are planted too: half a cell, 0.14 m.
+        assert!((x - 25.0).hypot(y - 25.0) < 15.0 + 0.3);
+    }
+}
+
+#[test]
+fn many_passes_do_not_drift_away_from_a_painted_ramp() {
+    // Density rises from 0 to 8 plants per m² over 50 m: strip k of 10 holds 2k+1 parts of 100.
+    let ramp = |column: usize, _| (column as f32 + 0.5) / 200.0;
+    let world = plain(50, 1.0).with_species("herb", HERB).with_image("ramp.png", 200, 200, ramp);
+    for passes in [5, 60] {
+        let steps = format!(
+            "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\ndensity = \"ramp.png\"\n\
+             per_m2 = 8\nrelax = {passes}"
+        );
+        let places = world.places(&world.grow(&steps).unwrap().population);
+        let mut counts = [0.0; 10];
+        places.iter().for_each(|p| counts[((p[0] / 5.0) as usize).min(9)] += 1.0);
+        for (strip, count) in counts.iter().enumerate() {
+            let wanted = 100.0 * (2 * strip + 1) as f64;
+            let off: f64 = (count - wanted) / wanted;
+            assert!(off.abs() < 0.03 + 4.0 / wanted, "strip {strip}: {count} for {wanted}");
+        }
+    }
+}
+
+#[test]
+fn inverted_and_georeferenced_images_lie_where_they_say() {
+    let west_dense = |column: usize, _| if column < 10 { 0.0 } else { 1.0 };
+    let mut world =
+        plain(40, 1.0).with_species("herb", HERB).with_image("a.png", 20, 20, west_dense);
+    let steps = "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\ndensity = \"a.png\"\n\
+                 per_m2 = 1\ninvert = true";
+    let places = world.places(&world.grow(steps).unwrap().population);
+    assert_eq!(places.len(), 800);
+    assert!(places.iter().all(|p| p[0] <= 20.0));
+    // The same image on a square of 10 m: what lies off the paper stays empty.
+    let frame = Frame { width: 20, height: 20, cell: 0.5, west: 500_010.0, south: 5_200_020.0 };
+    world.images.get_mut("a.png").unwrap().frame = Some(frame);
+    let places = world.places(&world.grow(steps).unwrap().population);
+    assert_eq!(places.len(), 50);
+    assert!(places.iter().all(|p| (10.0..=15.0).contains(&p[0]) && (20.0..=30.0).contains(&p[1])));
+}
+
+#[test]
+fn no_step_puts_plants_into_water_that_they_cannot_stand_in() {
+    let reed = format!("{HERB}\necology = {{ water_depth = [0.1, 0.5] }}");
+    let meadow = "size = { height = 0.3, crown_radius = 0.4 }\n[group]\nside = 0.8\nmember = []";
+    let world = plain(60, 1.0)
+        .with_species("herb", HERB)
+        .with_species("reed", &reed)
+        .with_species("meadow", meadow)
+        .with_species(
+            "aspen",
+            &format!("{TREE}\necology = {{ seedlings = 500 }}", TREE = world::TREE),
+        )
+        .with_pond(30.0, 30.0, 12.0, 0.4);
+    let steps = "
+        [[step]]
+        kind = \"halftone\"
+        species = \"herb\"
+        per_m2 = 1
+        [[step]]
+        kind = \"halftone\"
+        species = \"reed\"
+        per_m2 = 3
+        [[step]]
+        kind = \"halftone\"
+        species = \"meadow\"
+        per_m2 = 1
+        arrange = \"grid\"
+        [[step]]
+        kind = \"simulate\"
+        species = [\"aspen\"]
+        years = 20
+        [[step]]
+        kind = \"relax\"
+        iterations = 10";
+    let population = world.grow(steps).unwrap().population;
+    let reed = population.species.iter().position(|name| name == "reed").unwrap();
+    let depth = |p: &weald_contract::Plant| world.terrain.sample("water_depth", p.x, p.y).unwrap();
+    assert!(population.counts().iter().all(|count| *count > 50), "{:?}", population.counts());
+    for plant in &population.plants {
+        let is_reed = usize::from(plant.species) == reed;
+        let range = if is_reed { 0.1..=0.5 } else { 0.0..=0.01 };
+        assert!(range.contains(&depth(plant)), "{plant:?}");
+    }
+}
+
+#[test]
+fn patches_lie_on_a_grid_in_quarter_turns_and_as_many_as_is_probable() {
+    let meadow = "size = { height = 0.3, crown_radius = 0.4 }\n[group]\nside = 0.5\nmember = []";
+    let world = plain(100, 1.0).with_species("meadow", meadow);
+    let steps = "[[step]]\nkind = \"halftone\"\nspecies = \"meadow\"\narrange = \"grid\"\n\
+                 per_m2 = 0.25\nvigor = \"soil_moisture\"\nvigor_noise = 0";
+    let population = world.grow(steps).unwrap().population;
+    // 40,000 cells, each taken with probability 1/4: mean 10,000, standard deviation 87.
+    assert!((population.len() as f64 - 10_000.0).abs() < 5.0 * 87.0, "{}", population.len());
+    for (plant, [x, y]) in population.plants.iter().zip(world.places(&population)) {
+        let off = |c: f64| ((c - 0.25) / 0.5 - ((c - 0.25) / 0.5).round()).abs();
+        assert!(off(x) < 1e-6 && off(y) < 1e-6);
+        let quarter = plant.yaw / std::f32::consts::FRAC_PI_2;
+        assert_eq!(quarter, quarter.round());
+        assert!((plant.vigor - (x / 100.0) as f32).abs() < 0.011);
+    }
+}
+
+#[test]
+fn attributes_follow_ranges_and_formulas_with_noise() {
+    let world = plain(40, 1.0).with_species("herb", HERB);
+    let steps = "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\nper_m2 = 2\n\
+                 age = [1, 2]\nvigor = \"x / 40\"\nvigor_noise = 0.05";
+    let population = world.grow(steps).unwrap().population;
+    for (plant, [x, _]) in population.plants.iter().zip(world.places(&population)) {
+        assert!((1.0..=2.0).contains(&plant.age));
+        assert!((plant.vigor - x as f32 / 40.0).abs() <= 0.0501);
+        let size = &world.species["herb"].0.size;
+        assert_eq!(plant.height, size.height_at(plant.age, plant.vigor));
+    }
+    let ages: f64 = population.plants.iter().map(|p| f64::from(p.age)).sum();
+    // Mean 1.5; standard error 0.289 / sqrt(3,200) = 0.005.
+    assert!((ages / population.len() as f64 - 1.5).abs() < 0.026);
+}
+
+#[test]
+fn crowns_keep_shade_fleeing_plants_away() {
+    let world = plain(40, 1.0).with_species("herb", HERB).with_species("tree", world::TREE);
+    let steps = "
+        [[step]]
+        kind = \"place\"
+        species = \"tree\"
+        at = [[20, 20]]
+        age = [80, 80]
+        vigor = [1, 1]
+        [[step]]
+        kind = \"halftone\"
+        species = \"herb\"
+        formula = \"2 * (1 - crown_shadow(\\\"tree\\\"))\"";
+    let population = world.grow(steps).unwrap().population;
+    let tree = population.plants.iter().find(|p| p.species == 0).unwrap();
+    let radius = f64::from(tree.radius);
+    let near = |p: &weald_contract::Plant| (p.x - tree.x).hypot(p.y - tree.y);
+    // Shadow is blurred over one cell of half a metre.
+    assert!(population.plants.iter().all(|p| p.id == tree.id || near(p) > radius - 0.6));
+    assert!(radius > 2.0 && population.len() > 3000);
+}
+
+/// The centre of the places nearer to `own` than to any other, weighted by density squared:
+/// by brute force over a fine raster.
+fn centre_by_force(own: usize, places: &[[f64; 2]], density: impl Fn(f64, f64) -> f64) -> [f64; 2] {
+    let (mut mass, mut sum) = (0.0, [0.0; 2]);
+    for i in 0..1000 * 1000 {
+        let [x, y] = [i % 1000, i / 1000].map(|c| (c as f64 + 0.5) / 100.0);
+        let squared = |p: &[f64; 2]| (p[0] - x).powi(2) + (p[1] - y).powi(2);
+        let nearest =
+            (0..places.len()).min_by(|&a, &b| squared(&places[a]).total_cmp(&squared(&places[b])));
+        if nearest == Some(own) {
+            let weight = density(x, y).powi(2);
+            mass += weight;
+            sum = [sum[0] + weight * x, sum[1] + weight * y];
+        }
+    }
+    sum.map(|s| s / mass)
+}
+
+#[test]
+fn plants_move_to_the_centre_of_mass_of_their_polygon() {
+    let frame = Frame { width: 100, height: 100, cell: 0.1, west: 0.0, south: 0.0 };
+    let density = |x: f64, _: f64| 1.0 + (x * 10.0).floor() / 10.0;
+    let grid = Grid::from_fn(frame, |x, y| density(x, y) as f32);
+    // A jittered grid, so that no polygon outgrows the square that bounds it.
+    let mut stream = Seed(5).stream("places", 0);
+    let places: Vec<[f64; 2]> = (0..36)
+        .map(|i| {
+            [i % 6, i / 6].map(|c| (c as f64 + 0.5 + 0.5 * (stream.unit() - 0.5)) * 10.0 / 6.0)
+        })
+        .collect();
+    let mut moved = places.clone();
+    relax(&mut moved, &grid, &Relaxation { step: 1.0 });
+    for own in [0, 7, 14, 15, 20, 35] {
+        let [x, y] = centre_by_force(own, &places, density);
+        let off = (moved[own][0] - x).hypot(moved[own][1] - y);
+        // Spacing is 1.67 m; ten lines a polygon leave errors of a percent of it.
+        assert!(off < 0.02, "plant {own} is {off} m from its centre");
+    }
+}
+
+#[test]
+fn relaxing_few_or_coincident_plants_is_harmless() {
+    let frame = Frame { width: 10, height: 10, cell: 1.0, west: 0.0, south: 0.0 };
+    let grid = Grid::filled(frame, 1.0);
+    let step = Relaxation { step: 1.0 };
+    relax(&mut [], &grid, &step);
+    let mut one = [[2.0, 3.0]];
+    (0..50).for_each(|_| relax(&mut one, &grid, &step));
+    assert!((one[0][0] - 5.0).abs() < 1e-6 && (one[0][1] - 5.0).abs() < 1e-6, "{one:?}");
+    let mut twins = vec![[5.0, 5.0]; 20];
+    relax(&mut twins, &grid, &step);
+    let mut line: Vec<[f64; 2]> = (0..20).map(|i| [0.25 + 0.5 * f64::from(i), 5.0]).collect();
+    relax(&mut line, &grid, &step);
+    assert!(twins.iter().chain(&line).flatten().all(|c| (0.0..=10.0).contains(c)));
+}
+
+#[test]
+fn small_and_large_densities_on_mostly_empty_ground_keep_their_count() {
+    let dots = |column: usize, row: usize| {
+        if (column / 10).is_multiple_of(7) && (row / 10).is_multiple_of(5) { 1.0 } else { 0.0 }
+    };
+    let world = plain(60, 2.0).with_species("herb", HERB).with_image("d.png", 240, 240, dots);
+    let painted: f32 = (0..240 * 240).map(|i| dots(i % 240, i / 240)).sum();
+    let wanted = f64::from(painted) * 0.25 * 10.0;
+    let steps =
+        "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\ndensity = \"d.png\"\nper_m2 = 10";
+    let population = world.grow(steps).unwrap().population;
+    let off = (population.len() as f64 - wanted).abs() / wanted;
+    assert!(off < 0.01, "{} for {wanted}", population.len());
+}

@@ -12,7 +12,8 @@ fn every_citation_resolves_and_every_reference_is_cited() {
         .filter_map(|line| line.strip_prefix("- **[")?.split_once(']').map(|(key, _)| key.into()))
         .collect();
     let mut cited = BTreeSet::new();
-    for folder in ["pipeline", "terrain", "ecosim", "quantize", "plants", "render", "scenes", "docs"]
+    for folder in
+        ["pipeline", "terrain", "ecosim", "quantize", "plants", "render", "scenes", "docs"]
     {
         for file in sources(&root.join(folder)) {
             cited.extend(citations(&std::fs::read_to_string(&file).unwrap()));

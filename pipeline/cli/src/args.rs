@@ -1,0 +1,448 @@
+//! The command line: one definition for parsing, help, completions and man pages.
+
+use clap::{Args as ClapArgs, Parser, Subcommand, ValueHint};
+use std::path::PathBuf;
+
+/// From bare ground to a finished picture of plants.
+#[derive(Debug, Parser)]
+#[command(name = "weald", version, about, long_about = LONG, after_long_help = EXIT_CODES)]
+#[command(subcommand_required = true, arg_required_else_help = true)]
+pub struct Args {
+    /// What to do.
+    #[command(subcommand)]
+    pub command: Command,
+    /// What all commands share.
+    #[command(flatten)]
+    pub global: Global,
+}
+
+const LONG: &str = "\
+Weald turns an elevation model into a path-traced picture of the plants that grow on it.
+
+Five stages pass files along, each open to other programs:
+
+  terrain   elevation model   ->  terrain/*.tif        ground, water, soil moisture
+  ecosim    terrain           ->  population.parquet   where which plant grows
+  quantize  population        ->  palette.toml,        few models for many plants,
+                                  instances.parquet    and where they stand
+  plants    palette           ->  plants/*.glb         the models
+  render    all of these      ->  image.exr            the picture
+
+`weald run SCENE` makes all that is not up to date. Start with:
+
+  weald new my-scene
+  weald run my-scene --draft";
+
+const EXIT_CODES: &str = "\
+Exit codes:
+  0   done
+  1   a comparison found a difference
+  2   an error
+  75  stopped early with progress saved: run again to go on";
+
+/// Flags that every command takes.
+#[derive(Clone, Debug, Default, ClapArgs)]
+pub struct Global {
+    /// Root of all chance; replaces the scene's `seed`.
+    #[arg(long, global = true, value_name = "NUMBER")]
+    pub seed: Option<u64>,
+    /// Threads to use; the results are the same for any number.
+    #[arg(long, global = true, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    pub threads: Option<u32>,
+    /// Say nothing but errors.
+    #[arg(long, short, global = true)]
+    pub quiet: bool,
+    /// Say more: every reason, every part of the work.
+    #[arg(long, short, global = true)]
+    pub verbose: bool,
+    /// Print a report on stdout as JSON.
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+/// The commands.
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Make everything of a scene that is not up to date.
+    Run(Run),
+    /// Make a scene's terrain only.
+    Terrain(Terrain),
+    /// Grow a scene's plants on a terrain.
+    Ecosim(Ecosim),
+    /// Turn a population into a palette and instances.
+    Quantize(Quantize),
+    /// Grow plant models: one species, or all of a palette.
+    Plants(Plants),
+    /// Render a scene from files that are there.
+    Render(Render),
+    /// Write a new scene to start from.
+    New(New),
+    /// Find every mistake in a scene, and what a run will take.
+    Check(Check),
+    /// Write an empty density to paint on, and a map to paint over.
+    Canvas(Canvas),
+    /// Tell what a file holds and how it came to be.
+    Info(Info),
+    /// Compare two files or folders; exit code 1 when they differ.
+    Compare(Compare),
+    /// Draw a PNG of any of our files.
+    Preview(Preview),
+    /// Point statistics of a population.
+    Analyze(Analyze),
+    /// Write a file in another form.
+    Export(Export),
+    /// Measure how fast this machine is at each stage.
+    Bench(Bench),
+    /// Print completions for a shell.
+    Completions(Completions),
+    /// Write man pages.
+    Man(Man),
+    /// Print the JSON Schema of scene or species files.
+    Schema(Schema),
+}
+
+/// How a scene is named and changed on the command line.
+#[derive(Clone, Debug, ClapArgs)]
+pub struct SceneArgs {
+    /// A scene's folder, or its TOML file.
+    #[arg(value_name = "SCENE", value_hint = ValueHint::AnyPath)]
+    pub scene: PathBuf,
+    /// Change a field for this time: `--set render.samples=16`, `--set ecosim.step[0].years=80`.
+    #[arg(long, value_name = "FIELD=VALUE")]
+    pub set: Vec<String>,
+}
+
+/// `weald run`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald run scenes/pond                 make what is not up to date, into out/pond
+  weald run scenes/pond --draft         a small quick picture, out/pond/image-draft.png
+  weald run scenes/pond -n              show what would run, and why
+  weald run scenes/pond --set render.samples=64 --set sky.sun_elevation_deg=12
+  weald run scenes/pond --watch         draft again whenever a file of the scene is saved")]
+pub struct Run {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Output folder [default: out/NAME].
+    #[arg(long, short, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
+    pub output: Option<PathBuf>,
+    /// Show the plan with every reason, and do nothing.
+    #[arg(long, short = 'n')]
+    pub dry_run: bool,
+    /// At most 480 pixels wide and 8 samples, into image-draft.exr; earlier stages are shared
+    /// with the full run.
+    #[arg(long)]
+    pub draft: bool,
+    /// Run a draft again whenever a file of the scene is saved; stop with Ctrl-C.
+    #[arg(long, conflicts_with = "dry_run")]
+    pub watch: bool,
+}
+
+/// `weald terrain`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "Example:\n  weald terrain scenes/pond -o terrain")]
+pub struct Terrain {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Folder for the layers; the preview goes beside it.
+    #[arg(long, short, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
+    pub output: PathBuf,
+}
+
+/// `weald ecosim`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald ecosim scenes/pond --terrain terrain -o population.parquet
+  weald ecosim scenes/pond --terrain terrain --start field.csv -o grown.csv")]
+pub struct Ecosim {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Folder of the terrain's layers.
+    #[arg(long, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
+    pub terrain: PathBuf,
+    /// A population to go on from.
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub start: Option<PathBuf>,
+    /// The population, `.parquet` or `.csv`.
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: PathBuf,
+}
+
+/// `weald quantize`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald quantize population.parquet --representatives 8 -o quantized
+  weald quantize population.csv --budget 64 --set mode=best -o quantized
+  weald quantize population.parquet --scene scenes/pond -o quantized
+
+Without a scene, species are looked for in `species/` beside the population, then in the program.")]
+pub struct Quantize {
+    /// The plants, `.parquet` or `.csv`.
+    #[arg(value_name = "POPULATION", value_hint = ValueHint::FilePath)]
+    pub population: PathBuf,
+    /// Take `[quantize]` and species from this scene.
+    #[arg(long, value_name = "SCENE", value_hint = ValueHint::AnyPath)]
+    pub scene: Option<PathBuf>,
+    /// Models grown of each species.
+    #[arg(long, short = 'k', value_name = "NUMBER")]
+    pub representatives: Option<u32>,
+    /// Models grown in all.
+    #[arg(long, value_name = "NUMBER", conflicts_with = "representatives")]
+    pub budget: Option<u32>,
+    /// Any field of `[quantize]`: `--set mode=best`.
+    #[arg(long, value_name = "FIELD=VALUE")]
+    pub set: Vec<String>,
+    /// Folder for `palette.toml`, `instances.parquet` and `quantize.json`.
+    #[arg(long, short, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
+    pub output: PathBuf,
+}
+
+/// `weald plants`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald plants aspen --age 20 --vigor 0.8 -o aspen.glb
+  weald plants species/oak.toml --age 90 -o oak.glb
+  weald plants palette.toml -o plants")]
+pub struct Plants {
+    /// A species file, the name of a species in the program, or a palette.
+    #[arg(value_name = "SPECIES|PALETTE", value_hint = ValueHint::FilePath)]
+    pub from: String,
+    /// Age of the plant, years.
+    #[arg(long, default_value_t = 20.0, value_name = "YEARS")]
+    pub age: f32,
+    /// Vigor of the plant, 0 to 1.
+    #[arg(long, default_value_t = 1.0, value_name = "NUMBER")]
+    pub vigor: f32,
+    /// Take species from this scene (with a palette).
+    #[arg(long, value_name = "SCENE", value_hint = ValueHint::AnyPath)]
+    pub scene: Option<PathBuf>,
+    /// The model (`.glb`), or a folder for those of a palette.
+    #[arg(long, short, value_name = "PATH", value_hint = ValueHint::AnyPath)]
+    pub output: PathBuf,
+}
+
+/// `weald render`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald render scenes/pond --from out/pond -o image.exr
+  weald render scenes/pond --from out/pond --set render.samples=256 -o fine.exr")]
+pub struct Render {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Folder that holds terrain/, palette.toml, instances.parquet and plants/.
+    #[arg(long, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
+    pub from: PathBuf,
+    /// Small and quick, as in `weald run --draft`.
+    #[arg(long)]
+    pub draft: bool,
+    /// The picture, `.exr`; a tone-mapped `.png` goes beside it.
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: PathBuf,
+}
+
+/// `weald new`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald new my-scene
+  weald new my-scene --elevation ~/maps/valley.tif")]
+pub struct New {
+    /// Folder to make.
+    #[arg(value_name = "FOLDER", value_hint = ValueHint::DirPath)]
+    pub folder: PathBuf,
+    /// Elevation model to stand on; copied into the scene.
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub elevation: Option<PathBuf>,
+}
+
+/// `weald check`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "Example:\n  weald check scenes/pond")]
+pub struct Check {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+}
+
+/// `weald canvas`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Example:
+  weald canvas scenes/pond -o scenes/pond/inputs/nettle.png
+
+Paint on nettle.png in any paint program, with nettle.guide.png as the layer below, then name it
+in a step: density = \"inputs/nettle.png\", per_m2 = 6.0. An existing nettle.png is kept.")]
+pub struct Canvas {
+    /// The scene.
+    #[command(flatten)]
+    pub scene: SceneArgs,
+    /// Folder of the terrain's layers; without it the terrain is made for this.
+    #[arg(long, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
+    pub terrain: Option<PathBuf>,
+    /// The density, `.png`.
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: PathBuf,
+}
+
+/// `weald info`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald info out/pond/image.exr         what made it, back to the ground
+  weald info out/pond/terrain
+  weald info out/pond")]
+pub struct Info {
+    /// Files or folders.
+    #[arg(value_name = "PATH", required = true, value_hint = ValueHint::AnyPath)]
+    pub paths: Vec<PathBuf>,
+}
+
+/// `weald compare`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald compare a.exr b.exr --tolerance 0.01
+  weald compare out/pond/terrain other/terrain
+  weald compare population.parquet population.csv")]
+pub struct Compare {
+    /// The first file or folder.
+    #[arg(value_name = "A", value_hint = ValueHint::AnyPath)]
+    pub a: PathBuf,
+    /// The second, of the same kind.
+    #[arg(value_name = "B", value_hint = ValueHint::AnyPath)]
+    pub b: PathBuf,
+    /// Largest difference that counts as equal.
+    #[arg(long, default_value_t = 0.0, value_name = "NUMBER")]
+    pub tolerance: f64,
+}
+
+/// `weald preview`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald preview out/pond/terrain -o terrain.png
+  weald preview population.csv --terrain out/pond/terrain -o dots.png
+  weald preview anything.glb -o plant.png")]
+pub struct Preview {
+    /// A terrain, raster, population, plant model or picture.
+    #[arg(value_name = "FILE", value_hint = ValueHint::AnyPath)]
+    pub file: PathBuf,
+    /// Terrain to draw a population on.
+    #[arg(long, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
+    pub terrain: Option<PathBuf>,
+    /// The picture [default: FILE with the ending .preview.png].
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: Option<PathBuf>,
+}
+
+/// `weald analyze`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald analyze population.parquet -o statistics
+  weald analyze stems.csv --species aspen --radius 25 -o statistics
+  weald analyze summary.csv             slope of the self-thinning line")]
+pub struct Analyze {
+    /// A table with columns x and y in metres, or the summary of a simulation.
+    #[arg(value_name = "TABLE", value_hint = ValueHint::FilePath)]
+    pub table: PathBuf,
+    /// Only plants of this species.
+    #[arg(long, value_name = "NAME")]
+    pub species: Option<String>,
+    /// Window as west,south,east,north, m [default: the extent of the points].
+    #[arg(
+        long,
+        value_name = "W,S,E,N",
+        value_delimiter = ',',
+        num_args = 4,
+        allow_negative_numbers = true
+    )]
+    pub window: Option<Vec<f64>>,
+    /// Largest distance, m [default: a quarter of the window's shorter side].
+    #[arg(long, value_name = "METRES")]
+    pub radius: Option<f64>,
+    /// Number of distances.
+    #[arg(long, default_value_t = 128, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(2..=100_000))]
+    pub steps: u32,
+    /// Folder for K.csv, G.csv, pcf.csv; without it only a summary is printed.
+    #[arg(long, short, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
+    pub output: Option<PathBuf>,
+}
+
+/// `weald export`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Examples:
+  weald export plants/0003.glb --flatten -o aspen.glb    for viewers without instancing
+  weald export population.parquet -o population.csv")]
+pub struct Export {
+    /// A plant model or a table.
+    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub file: PathBuf,
+    /// Write every leaf as triangles of its own.
+    #[arg(long)]
+    pub flatten: bool,
+    /// The file to write; its ending chooses the form.
+    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub output: PathBuf,
+}
+
+/// `weald bench`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "Example:\n  weald bench --json > bench.json")]
+pub struct Bench {
+    /// Smaller inputs: about five seconds in all.
+    #[arg(long)]
+    pub quick: bool,
+}
+
+/// `weald completions`.
+#[derive(Debug, ClapArgs)]
+#[command(
+    after_long_help = "Example:\n  weald completions bash > ~/.local/share/bash-completion/completions/weald"
+)]
+pub struct Completions {
+    /// The shell.
+    #[arg(value_enum)]
+    pub shell: clap_complete::Shell,
+}
+
+/// `weald man`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "Example:\n  weald man -o ~/.local/share/man/man1")]
+pub struct Man {
+    /// Folder for one page a command; without it the main page goes to stdout.
+    #[arg(long, short, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
+    pub output: Option<PathBuf>,
+}
+
+/// `weald schema`.
+#[derive(Debug, ClapArgs)]
+#[command(after_long_help = "\
+Example:
+  weald schema scene > scene.schema.json
+
+Editors that know TOML (for instance with taplo) then complete and check scenes while you type.")]
+pub struct Schema {
+    /// Which file.
+    #[arg(value_enum, default_value = "scene")]
+    pub of: SchemaOf,
+}
+
+/// Files that have a schema.
+#[derive(Clone, Copy, Debug, clap::ValueEnum)]
+pub enum SchemaOf {
+    /// `scene.toml`.
+    Scene,
+    /// `species/NAME.toml`.
+    Species,
+}

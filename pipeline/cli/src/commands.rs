@@ -1,0 +1,339 @@
+//! What each command does: arguments to a call of `weald_run`, its result to stdout.
+
+use crate::args::{self, Args, Command, Global, SceneArgs, SchemaOf};
+use crate::progress::{Shown, in_words, is_stopped, listen_for_ctrl_c};
+use clap::CommandFactory;
+use serde::Serialize;
+use serde_json::{Value as Json, json};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::time::{Duration, Instant, SystemTime};
+use weald_run::make::{EcosimPaths, Made, RenderPaths};
+use weald_run::{
+    Changes, Error, Plan, Result, Scene, alone, analysis, bench, canvas, check, compare, execute,
+    export, info, preview, template,
+};
+
+/// Exit code of a comparison that found a difference.
+const DIFFERENT: u8 = 1;
+
+/// Carries out the command.
+///
+/// # Errors
+/// Whatever kept it from being done.
+pub fn run(args: &Args) -> Result<ExitCode> {
+    let global = &args.global;
+    set_threads(global)?;
+    match &args.command {
+        Command::Run(run) if run.watch => watch(run, global),
+        Command::Run(run) => run_once(run, run.draft, global).map(|_| ExitCode::SUCCESS),
+        Command::Terrain(terrain) => one_stage(global, |shown| {
+            let scene = load(&terrain.scene, global)?;
+            alone::terrain(&scene, &terrain.output, shown)
+        }),
+        Command::Ecosim(ecosim) => one_stage(global, |shown| grow(ecosim, global, shown)),
+        Command::Quantize(quantize) => {
+            one_stage(global, |shown| quantize_alone(quantize, global, shown))
+        }
+        Command::Plants(plants) => one_stage(global, |shown| plants_alone(plants, global, shown)),
+        Command::Render(render) => one_stage(global, |shown| render_alone(render, global, shown)),
+        Command::New(new) => {
+            let files = template::new_scene(&new.folder, new.elevation.as_deref())?;
+            tell_files(&files, json!({}), global);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Check(check) => {
+            let scene = load(&check.scene, global)?;
+            let estimate = check::estimate(&scene, false)?;
+            tell(&estimate, &format!("{}: nothing wrong\n{estimate}", scene.name), global);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Canvas(canvas) => paint(canvas, global),
+        Command::Info(info) => tell_all(info, global),
+        Command::Compare(compare) => compare_two(compare, global),
+        Command::Preview(preview) => draw(preview, global),
+        Command::Analyze(analyze) => statistics(analyze, global),
+        Command::Export(arguments) => {
+            let options = export::Options { flatten: arguments.flatten };
+            export::export(&arguments.file, &arguments.output, options)?;
+            tell_files(std::slice::from_ref(&arguments.output), json!({}), global);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Bench(arguments) => {
+            let figures = bench::bench(arguments.quick)?;
+            tell(&figures, &figures.to_string(), global);
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Completions(completions) => {
+            let mut command = Args::command();
+            let mut text = Vec::new();
+            clap_complete::generate(completions.shell, &mut command, "weald", &mut text);
+            print(&String::from_utf8_lossy(&text));
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Man(man) => man_pages(man, global),
+        Command::Schema(schema) => {
+            let schema = match schema.of {
+                SchemaOf::Scene => Scene::json_schema(),
+                SchemaOf::Species => weald_run::scene::species_schema(),
+            };
+            print(&format!("{schema:#}\n"));
+            Ok(ExitCode::SUCCESS)
+        }
+    }
+}
+
+/// Sets the number of threads for everything; without the flag, all that the process may use.
+fn set_threads(global: &Global) -> Result<()> {
+    let Some(threads) = global.threads else { return Ok(()) };
+    rayon::ThreadPoolBuilder::new().num_threads(threads as usize).build_global().map_err(|error| {
+        Error::plain(format!("cannot start {threads} threads: {error}"), "use fewer")
+    })
+}
+
+fn load(arguments: &SceneArgs, global: &Global) -> Result<Scene> {
+    let changes = Changes { set: arguments.set.clone(), seed: global.seed };
+    Scene::load(&arguments.scene, &changes)
+}
+
+/// Prints text on stdout; a reader that went away, as `head` does, is no error of ours.
+fn print(text: &str) {
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}
+
+/// Prints a report: as JSON if asked, else in words unless quiet.
+fn tell(report: &impl Serialize, words: &str, global: &Global) {
+    if global.json {
+        let text = serde_json::to_string_pretty(report).unwrap_or_default();
+        print(&format!("{text}\n"));
+    } else if !global.quiet {
+        print(words);
+    }
+}
+
+/// Tells which files were written.
+fn tell_files(files: &[PathBuf], report: Json, global: &Global) {
+    let names: Vec<String> = files.iter().map(|path| path.display().to_string()).collect();
+    let words: String = match names.as_slice() {
+        [first, .., last] if names.len() > MAX_FILES_TOLD => {
+            format!("wrote {} files, {first} to {last}\n", names.len())
+        }
+        _ => names.iter().map(|name| format!("wrote {name}\n")).collect(),
+    };
+    tell(&json!({ "files": names, "report": report }), &words, global);
+}
+
+/// Longer lists of files are told by their number.
+const MAX_FILES_TOLD: usize = 12;
+
+/// Runs one stage with progress and tells what it left.
+fn one_stage(global: &Global, make: impl FnOnce(&Shown) -> Result<Made>) -> Result<ExitCode> {
+    listen_for_ctrl_c();
+    let shown = Shown::new(global);
+    let made = make(&shown)?;
+    drop(shown);
+    if !global.quiet && !in_words(&made.report).is_empty() {
+        eprintln!("{}", in_words(&made.report));
+    }
+    tell_files(&made.files, made.report, global);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The output folder of a run.
+fn output_folder(arguments: &args::Run, scene: &Scene) -> PathBuf {
+    arguments.output.clone().unwrap_or_else(|| Path::new("out").join(&scene.name))
+}
+
+/// `weald run`, once; returns the files that the scene depends on.
+fn run_once(arguments: &args::Run, is_draft: bool, global: &Global) -> Result<Vec<PathBuf>> {
+    let began = Instant::now();
+    let scene = load(&arguments.scene, global)?;
+    let out = output_folder(arguments, &scene);
+    let plan = Plan::new(&scene, &out, is_draft)?;
+    if arguments.dry_run {
+        tell(&json!({ "out": out, "plan": plan.steps }), &plan.to_string(), global);
+        return Ok(scene.files());
+    }
+    if !plan.is_done() {
+        check::estimate(&scene, is_draft)?;
+    }
+    listen_for_ctrl_c();
+    let done = execute(&scene, &plan, &Shown::new(global))?;
+    let seconds = began.elapsed().as_secs_f64();
+    let image = weald_run::Layout { out: out.clone() }.image(is_draft).with_extension("png");
+    let words = match plan.is_done() {
+        true => format!("{} is up to date\n", out.display()),
+        false => format!("{} in {}\n", image.display(), check::seconds_in_words(seconds)),
+    };
+    tell(
+        &json!({ "out": out, "image": image, "seconds": seconds, "stages": done }),
+        &words,
+        global,
+    );
+    Ok(scene.files())
+}
+
+/// How often the files of a scene are looked at, and how long they must have been quiet: editors
+/// write a file in several steps.
+const WATCH_INTERVAL: Duration = Duration::from_millis(300);
+
+/// Runs a draft whenever a file of the scene changes, until Ctrl-C.
+fn watch(arguments: &args::Run, global: &Global) -> Result<ExitCode> {
+    listen_for_ctrl_c();
+    let mut files = vec![weald_run::scene::scene_file(&arguments.scene.scene)];
+    while !is_stopped() {
+        let seen = times(&files);
+        match run_once(arguments, true, global) {
+            Ok(found) => files = found,
+            // A mistake is shown and the next save tried: that is what watching is for.
+            Err(error) => crate::show::error(&error),
+        }
+        let before = if files.len() == seen.len() { seen } else { times(&files) };
+        while !is_stopped() && times(&files) == before {
+            std::thread::sleep(WATCH_INTERVAL);
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// When each file was last changed; a missing one has no time.
+fn times(files: &[PathBuf]) -> Vec<Option<SystemTime>> {
+    let time = |path: &PathBuf| std::fs::metadata(path).and_then(|data| data.modified()).ok();
+    files.iter().map(time).collect()
+}
+
+fn grow(arguments: &args::Ecosim, global: &Global, shown: &Shown) -> Result<Made> {
+    let scene = load(&arguments.scene, global)?;
+    let paths = EcosimPaths {
+        terrain: arguments.terrain.clone(),
+        start: arguments.start.clone(),
+        population: arguments.output.clone(),
+    };
+    alone::ecosim(&scene, &paths, shown)
+}
+
+fn quantize_alone(arguments: &args::Quantize, global: &Global, shown: &Shown) -> Result<Made> {
+    let mut set = arguments.set.clone();
+    set.extend(arguments.representatives.map(|number| format!("representatives={number}")));
+    set.extend(arguments.budget.map(|number| format!("budget={number}")));
+    let Some(path) = &arguments.scene else {
+        let fields = alone::Fields { set, seed: global.seed.unwrap_or(0) };
+        return alone::quantize(&arguments.population, &arguments.output, &fields, shown);
+    };
+    let set = set.into_iter().map(|field| format!("quantize.{field}")).collect();
+    let scene = Scene::load(path, &Changes { set, seed: global.seed })?;
+    alone::quantize_in_scene(&scene, &arguments.population, &arguments.output, shown)
+}
+
+fn plants_alone(arguments: &args::Plants, global: &Global, shown: &Shown) -> Result<Made> {
+    let seed = global.seed.unwrap_or(0);
+    let from = Path::new(&arguments.from);
+    if let Some(scene) = &arguments.scene {
+        let scene = Scene::load(scene, &Changes { set: Vec::new(), seed: global.seed })?;
+        return alone::plants_in_scene(&scene, from, &arguments.output, shown);
+    }
+    if alone::is_palette(from) {
+        return alone::plants(from, &arguments.output, seed, shown);
+    }
+    let wanted = alone::Wanted { age: arguments.age, vigor: arguments.vigor, seed };
+    alone::plant(&arguments.from, wanted, &arguments.output)
+}
+
+fn render_alone(arguments: &args::Render, global: &Global, shown: &Shown) -> Result<Made> {
+    let scene = load(&arguments.scene, global)?;
+    let layout = weald_run::Layout { out: arguments.from.clone() };
+    let paths = RenderPaths {
+        terrain: layout.terrain(),
+        palette: layout.palette(),
+        instances: layout.instances(),
+        plants: layout.plants(),
+        image: arguments.output.clone(),
+    };
+    alone::render(&scene, &paths, arguments.draft, shown)
+}
+
+fn paint(arguments: &args::Canvas, global: &Global) -> Result<ExitCode> {
+    let scene = load(&arguments.scene, global)?;
+    let made = match &arguments.terrain {
+        Some(terrain) => canvas::write(&scene, terrain, &arguments.output)?,
+        None => {
+            listen_for_ctrl_c();
+            canvas::write_with_new_terrain(&scene, &arguments.output, &Shown::new(global))?
+        }
+    };
+    let words = format!(
+        "wrote {} ({} x {}) and {}\n",
+        made.density.display(),
+        made.size[0],
+        made.size[1],
+        made.guide.display()
+    );
+    tell(&made, &words, global);
+    Ok(ExitCode::SUCCESS)
+}
+
+fn tell_all(arguments: &args::Info, global: &Global) -> Result<ExitCode> {
+    let found = arguments.paths.iter().map(|path| info::info(path)).collect::<Result<Vec<_>>>()?;
+    let words: Vec<String> = found.iter().map(ToString::to_string).collect();
+    match found.as_slice() {
+        [one] => tell(one, &words.concat(), global),
+        _ => tell(&found, &words.join("\n"), global),
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn compare_two(arguments: &args::Compare, global: &Global) -> Result<ExitCode> {
+    let found = compare::compare(&arguments.a, &arguments.b, arguments.tolerance)?;
+    tell(&found, &found.to_string(), global);
+    Ok(ExitCode::from(if found.is_same() { 0 } else { DIFFERENT }))
+}
+
+fn draw(arguments: &args::Preview, global: &Global) -> Result<ExitCode> {
+    let default = || arguments.file.with_extension("preview.png");
+    let to = arguments.output.clone().unwrap_or_else(default);
+    preview::write(&arguments.file, arguments.terrain.as_deref(), &to)?;
+    tell_files(&[to], json!({}), global);
+    Ok(ExitCode::SUCCESS)
+}
+
+fn statistics(arguments: &args::Analyze, global: &Global) -> Result<ExitCode> {
+    let request = analysis::Request {
+        table: arguments.table.clone(),
+        species: arguments.species.clone(),
+        window: arguments.window.as_ref().and_then(|sides| sides.as_slice().try_into().ok()),
+        radius: arguments.radius,
+        steps: arguments.steps as usize,
+        output: arguments.output.clone(),
+    };
+    let found = analysis::analyze(&request)?;
+    tell(&found, &found.to_string(), global);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Writes a page for `weald` and one for each command, from the definitions that parse.
+fn man_pages(arguments: &args::Man, global: &Global) -> Result<ExitCode> {
+    let mut command = Args::command();
+    command.build();
+    let Some(folder) = &arguments.output else {
+        print(&String::from_utf8_lossy(&page(command)));
+        return Ok(ExitCode::SUCCESS);
+    };
+    std::fs::create_dir_all(folder).map_err(|error| Error::system(folder, error))?;
+    let mut files = Vec::new();
+    for part in command.get_subcommands().chain([&command]) {
+        let name = part.get_display_name().unwrap_or(part.get_name());
+        let path = folder.join(format!("{name}.1"));
+        std::fs::write(&path, page(part.clone())).map_err(|error| Error::system(&path, error))?;
+        files.push(path);
+    }
+    tell_files(&files, json!({}), global);
+    Ok(ExitCode::SUCCESS)
+}
+
+fn page(command: clap::Command) -> Vec<u8> {
+    let mut text = Vec::new();
+    // Writing to memory does not fail.
+    let _ = clap_mangen::Man::new(command).render(&mut text);
+    text
+}

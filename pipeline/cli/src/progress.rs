@@ -1,0 +1,159 @@
+//! Progress on stderr: bars on a terminal, a line a stage elsewhere.
+
+use crate::args::Global;
+use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::Value as Json;
+use std::io::IsTerminal;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::time::{Duration, Instant};
+use weald_contract::Progress;
+use weald_run::check::seconds_in_words;
+use weald_run::plan::Step;
+use weald_run::{Listener, Stage};
+
+/// Set by the first Ctrl-C; the second one ends the program at once.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// Listens for Ctrl-C from now on.
+pub fn listen_for_ctrl_c() {
+    let heard = || {
+        if STOP.swap(true, Ordering::Relaxed) {
+            std::process::exit(2);
+        }
+        eprintln!("stopping; once more to stop at once");
+    };
+    // Without a handler Ctrl-C still ends the program, only less politely.
+    let _ = ctrlc::set_handler(heard);
+}
+
+/// Whether Ctrl-C was heard.
+pub fn is_stopped() -> bool {
+    STOP.load(Ordering::Relaxed)
+}
+
+/// Shows progress as far as the flags and the terminal allow.
+pub struct Shown {
+    state: Mutex<State>,
+    is_quiet: bool,
+    is_verbose: bool,
+    is_terminal: bool,
+}
+
+struct State {
+    bar: Option<ProgressBar>,
+    stage: Option<Stage>,
+    began: Instant,
+}
+
+impl Shown {
+    /// Follows the global flags.
+    pub fn new(global: &Global) -> Self {
+        let state = State { bar: None, stage: None, began: Instant::now() };
+        Self {
+            state: Mutex::new(state),
+            is_quiet: global.quiet,
+            is_verbose: global.verbose,
+            is_terminal: std::io::stderr().is_terminal(),
+        }
+    }
+
+    /// The state; a panic elsewhere while it was held leaves nothing half-done in it.
+    fn state(&self) -> MutexGuard<'_, State> {
+        self.state.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Prints a line above the bar.
+    fn say(&self, state: &State, line: &str) {
+        match &state.bar {
+            Some(bar) => bar.println(line),
+            None => eprintln!("{line}"),
+        }
+    }
+}
+
+impl Progress for Shown {
+    fn begin(&self, what: &str, total: u64, unit: &str) {
+        if self.is_quiet {
+            return;
+        }
+        let mut state = self.state();
+        let word = state.stage.map_or("", Stage::word);
+        if let Some(bar) = state.bar.take() {
+            bar.finish_and_clear();
+        }
+        if self.is_terminal {
+            let bar = ProgressBar::new(total);
+            bar.set_style(style(unit));
+            bar.set_prefix(word);
+            bar.set_message(what.to_string());
+            bar.enable_steady_tick(Duration::from_millis(200));
+            state.bar = Some(bar);
+        } else if self.is_verbose {
+            eprintln!("{word:<10}{what}");
+        }
+    }
+
+    fn advance(&self, steps: u64) {
+        if let Some(bar) = &self.state().bar {
+            bar.inc(steps);
+        }
+    }
+
+    fn is_cancelled(&self) -> bool {
+        is_stopped()
+    }
+}
+
+/// A bar with its unit; templates of ours are right, so the fallback is never seen.
+fn style(unit: &str) -> ProgressStyle {
+    let unit = unit.replace(['{', '}'], "");
+    let template = format!("{{prefix:<10}}{{msg:<28}} {{bar:24}} {{pos}}/{{len}} {unit} {{eta}}");
+    ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar())
+}
+
+impl Listener for Shown {
+    fn stage_begins(&self, step: &Step) {
+        let mut state = self.state();
+        state.stage = Some(step.stage);
+        state.began = Instant::now();
+        if self.is_verbose && !self.is_quiet {
+            for reason in &step.reasons {
+                self.say(&state, &format!("{:<10}{reason}", step.stage.word()));
+            }
+        }
+    }
+
+    fn stage_ends(&self, stage: Stage, report: &Json) {
+        let mut state = self.state();
+        if let Some(bar) = state.bar.take() {
+            bar.finish_and_clear();
+        }
+        if !self.is_quiet {
+            let time = seconds_in_words(state.began.elapsed().as_secs_f64());
+            eprintln!("{:<10}{time:>8}   {}", stage.word(), in_words(report));
+        }
+    }
+}
+
+/// A report on one line: names and numbers.
+pub fn in_words(report: &Json) -> String {
+    let parts = report.as_object().into_iter().flatten().map(|(name, value)| match value {
+        Json::Object(inner) => {
+            let inner: Vec<String> = inner
+                .iter()
+                .map(|(name, value)| format!("{} {}", plain(value), name.replace('_', " ")))
+                .collect();
+            inner.join(", ")
+        }
+        other => format!("{} {}", plain(other), name.replace('_', " ")),
+    });
+    parts.collect::<Vec<_>>().join(", ")
+}
+
+fn plain(value: &Json) -> String {
+    match value {
+        Json::String(text) => text.clone(),
+        other => other.to_string(),
+    }
+}

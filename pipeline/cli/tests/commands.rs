@@ -1,0 +1,245 @@
+//! The command on a tiny scene: what runs, what does not, and that files are the same.
+
+mod tiny;
+
+use tiny::{Tiny, bytes_below};
+
+/// The stages that a run worked on, from its JSON report.
+fn ran(report: &str) -> Vec<String> {
+    let report: serde_json::Value = serde_json::from_str(report).expect("a JSON report");
+    let stages = report["stages"].as_array().expect("stages");
+    let ran = stages.iter().filter(|stage| stage["ran"] == true);
+    ran.map(|stage| stage["stage"].as_str().expect("a word").to_string()).collect()
+}
+
+#[test]
+fn a_second_run_does_nothing_and_a_change_runs_what_it_touches() {
+    let tiny = Tiny::new();
+    let first = tiny.done("run scene -o out --json");
+    assert_eq!(ran(&first.out), ["terrain", "ecosim", "quantize", "plants", "render"]);
+    for file in [
+        "terrain/altitude.tif",
+        "terrain/soil_moisture.tif",
+        "terrain.png",
+        "population.parquet",
+        "summary.csv",
+        "deaths.parquet",
+        "population.png",
+        "palette.toml",
+        "instances.parquet",
+        "quantize.json",
+        "plants/0001.glb",
+        "plants.png",
+        "image.exr",
+        "image.png",
+    ] {
+        assert!(tiny.path("out").join(file).is_file(), "{file} was not written");
+    }
+    let before = bytes_below(&tiny.path("out"));
+    assert_eq!(ran(&tiny.done("run scene -o out --json").out), Vec::<String>::new());
+    assert!(tiny.done("run scene -o out").out.contains("up to date"));
+    assert_eq!(before, bytes_below(&tiny.path("out")));
+
+    // The picture's own fields and the light concern nobody else.
+    assert_eq!(ran(&tiny.done("run scene -o out --json --set render.samples=3").out), ["render"]);
+    assert_eq!(
+        ran(&tiny.done("run scene -o out --json --set sky.sun_elevation_deg=20").out),
+        ["render"]
+    );
+    let all = ran(&tiny.done("run scene -o out --json --set ecosim.step[0].years=14").out);
+    assert_eq!(all, ["ecosim", "quantize", "plants", "render"]);
+    // Back to the scene as it stands: the same bytes as in the beginning.
+    tiny.done("run scene -o out");
+    assert_eq!(before, bytes_below(&tiny.path("out")));
+}
+
+#[test]
+fn the_plan_gives_a_reason_for_each_stage_and_does_nothing() {
+    let tiny = Tiny::new();
+    let plan = tiny.done("run scene -o out -n");
+    assert!(!tiny.path("out").exists());
+    insta::assert_snapshot!("plan_from_nothing", plan.out);
+    tiny.done("run scene -o out");
+    insta::assert_snapshot!("plan_up_to_date", tiny.done("run scene -o out -n").out);
+    let plan = tiny.done("run scene -o out -n --set quantize.representatives=3");
+    insta::assert_snapshot!("plan_after_a_change", plan.out);
+    std::fs::remove_file(tiny.path("out/population.parquet")).expect("it was written");
+    insta::assert_snapshot!("plan_after_a_loss", tiny.done("run scene -o out -n").out);
+}
+
+#[test]
+fn one_thread_and_two_make_the_same_bytes_in_every_file() {
+    let tiny = Tiny::new();
+    tiny.done("run scene -o one --threads 1");
+    tiny.done("run scene -o two --threads 2");
+    let (one, two) = (bytes_below(&tiny.path("one")), bytes_below(&tiny.path("two")));
+    assert_eq!(one.keys().collect::<Vec<_>>(), two.keys().collect::<Vec<_>>());
+    for (name, bytes) in &one {
+        assert!(Some(bytes) == two.get(name), "{name} differs");
+    }
+    assert!(tiny.done("compare one two").out.contains("same"));
+}
+
+#[test]
+fn a_draft_is_small_has_its_own_name_and_shares_the_stages_before_it() {
+    let tiny = Tiny::new();
+    tiny.edit("resolution = [32, 18]", "resolution = [1920, 1080]");
+    tiny.edit("samples = 2", "samples = 64");
+    tiny.done("run scene -o out --draft --set render.resolution=[600,8]");
+    let info = tiny.done("info out/image-draft.exr").out;
+    assert!(info.contains("480 x 6 pixels"), "{info}");
+    let full =
+        tiny.done("run scene -o out --json --set render.resolution=[16,9] --set render.samples=1");
+    assert_eq!(ran(&full.out), ["render"]);
+    assert!(tiny.path("out/image.exr").is_file());
+}
+
+#[test]
+fn a_killed_run_goes_on_from_what_was_finished() {
+    let tiny = Tiny::new();
+    tiny.done("run scene -o out");
+    let whole = bytes_below(&tiny.path("out"));
+    // What a run leaves that was killed while it wrote the plants: no record from there on, a
+    // file without its final name, and some of the files.
+    std::fs::remove_file(tiny.path("out/.weald/plants.json")).expect("a record");
+    std::fs::remove_file(tiny.path("out/.weald/render.json")).expect("a record");
+    std::fs::remove_file(tiny.path("out/plants/0002.glb")).expect("a model");
+    tiny.write("out/plants/.weald-x.part", "half a mod");
+    let report = tiny.done("run scene -o out --json");
+    assert_eq!(ran(&report.out), ["plants", "render"]);
+    assert!(whole == bytes_below(&tiny.path("out")));
+}
+
+#[test]
+fn stages_alone_make_the_same_files_as_a_run() {
+    let tiny = Tiny::new();
+    tiny.done("run scene -o out");
+    tiny.done("terrain scene -o alone/terrain");
+    tiny.done("ecosim scene --terrain alone/terrain -o alone/population.parquet");
+    tiny.done("quantize alone/population.parquet --scene scene -o alone");
+    tiny.done("plants alone/palette.toml --scene scene -o alone/plants");
+    tiny.done("render scene --from alone -o alone/image.exr");
+    for name in [
+        "terrain/altitude.tif",
+        "population.parquet",
+        "palette.toml",
+        "plants/0001.glb",
+        "image.exr",
+    ] {
+        let read = |folder: &str| std::fs::read(tiny.path(folder).join(name)).expect(name);
+        assert!(read("out") == read("alone"), "{name} differs");
+    }
+}
+
+#[test]
+fn files_tell_their_story_back_to_the_ground() {
+    let tiny = Tiny::new();
+    tiny.done("run scene -o out");
+    let story = tiny.done("info out/image.exr").out;
+    for word in
+        ["made by render", "made by quantize", "made by ecosim", "made by terrain", "ground.asc"]
+    {
+        assert!(story.contains(word), "no `{word}` in\n{story}");
+    }
+    for path in [
+        "out",
+        "out/terrain",
+        "out/terrain/slope.tif",
+        "out/population.parquet",
+        "out/palette.toml",
+        "out/instances.parquet",
+        "out/plants",
+        "out/plants/0001.glb",
+        "out/image.png",
+        "out/summary.csv",
+        "out/quantize.json",
+        "out/population.png",
+    ] {
+        let answer = tiny.done(&format!("info {path}"));
+        assert!(answer.out.contains("made by"), "{path}:\n{}", answer.out);
+    }
+    let json = tiny.done("info out/image.exr --json").out;
+    let json: serde_json::Value = serde_json::from_str(&json).expect("JSON");
+    assert_eq!(json["provenance"]["stage"], "render");
+}
+
+#[test]
+fn a_comparison_that_differs_exits_with_one() {
+    let tiny = Tiny::new();
+    tiny.done("run scene -o a");
+    tiny.done("run scene -o b --seed 4");
+    assert_eq!(tiny.weald("compare a/image.exr a/image.exr").code, 0);
+    assert_eq!(tiny.weald("compare a/image.exr b/image.exr").code, 1);
+    assert_eq!(tiny.weald("compare a/image.exr b/image.exr --tolerance 1e12").code, 0);
+    assert_eq!(tiny.weald("compare a/population.parquet b/population.parquet").code, 1);
+    assert_eq!(tiny.weald("compare a b").code, 1);
+    assert_eq!(tiny.weald("compare a/image.exr a/terrain").code, 1);
+    assert_eq!(tiny.weald("compare a/image.exr nowhere.exr").code, 2);
+}
+
+#[test]
+fn previews_exports_and_canvases_are_written() {
+    let tiny = Tiny::new();
+    tiny.done("run scene -o out");
+    for (file, more) in [
+        ("out/terrain", ""),
+        ("out/terrain/slope.tif", ""),
+        ("out/population.parquet", "--terrain out/terrain"),
+        ("out/plants/0001.glb", ""),
+        ("out/image.exr", ""),
+    ] {
+        tiny.done(&format!("preview {file} {more} -o shown.png"));
+        assert!(std::fs::read(tiny.path("shown.png")).expect("a PNG").starts_with(b"\x89PNG"));
+    }
+    tiny.done("export out/population.parquet -o population.csv");
+    assert_eq!(tiny.weald("compare population.csv out/population.parquet").code, 0);
+    tiny.done("export out/plants/0001.glb --flatten -o flat.glb");
+    let flat = std::fs::read(tiny.path("flat.glb")).expect("a GLB");
+    assert!(!String::from_utf8_lossy(&flat).contains("EXT_mesh_gpu_instancing"));
+    let canvas = tiny.done("canvas scene --terrain out/terrain -o scene/inputs/nettle.png");
+    assert!(canvas.out.contains("64 x 64"), "{}", canvas.out);
+    assert!(tiny.path("scene/inputs/nettle.guide.png").is_file());
+}
+
+#[test]
+fn a_new_scene_has_nothing_wrong_and_is_not_overwritten() {
+    let tiny = Tiny::new();
+    tiny.done("new fresh");
+    assert!(tiny.done("check fresh").out.contains("nothing wrong"));
+    assert_eq!(tiny.weald("new fresh").code, 2);
+    tiny.done("new placed --elevation scene/inputs/ground.asc");
+    tiny.done("check placed");
+}
+
+#[test]
+fn one_plant_is_grown_by_name_at_an_age() {
+    let tiny = Tiny::new();
+    tiny.done("plants aspen --age 20 --vigor 0.8 -o aspen.glb");
+    assert!(tiny.path("aspen.png").is_file());
+    assert!(tiny.done("info aspen.glb").out.contains("made by plants"));
+    let answer = tiny.weald("plants aspne -o x.glb");
+    assert_eq!(answer.code, 2);
+    assert!(answer.err.contains("did you mean `aspen`?"), "{}", answer.err);
+    assert!(!tiny.path("x.glb").exists());
+}
+
+#[test]
+fn completions_man_pages_and_schemas_come_from_the_same_definitions() {
+    let tiny = Tiny::new();
+    assert!(tiny.done("completions bash").out.contains("_weald"));
+    assert!(tiny.done("man").out.contains(".TH"));
+    tiny.done("man -o man1");
+    assert!(tiny.path("man1/weald-run.1").is_file());
+    for of in ["scene", "species"] {
+        let schema = tiny.done(&format!("schema {of}")).out;
+        let schema: serde_json::Value = serde_json::from_str(&schema).expect("JSON");
+        assert_eq!(schema["type"], "object");
+    }
+}
+
+#[test]
+fn help_teaches() {
+    let tiny = Tiny::new();
+    insta::assert_snapshot!("help", tiny.done("--help").out);
+    insta::assert_snapshot!("help_run", tiny.done("run --help").out);
+}

@@ -1,0 +1,71 @@
+//! Something to paint a density on: `weald canvas`.
+
+use crate::error::{Error, Result};
+use crate::make;
+use crate::preview::{Sketch, draw_relief, draw_view};
+use crate::recipe::Stage;
+use crate::scene::Scene;
+use serde::Serialize;
+use std::path::{Path, PathBuf};
+use weald_contract::{Layers, Progress};
+
+/// The files of a canvas.
+#[derive(Clone, Debug, Serialize)]
+pub struct Canvas {
+    /// An empty density: black, one pixel a cell.
+    pub density: PathBuf,
+    /// Shaded relief with contours, water and views, of the same shape, to lay under it.
+    pub guide: PathBuf,
+    /// Pixels of the density across and down.
+    pub size: [usize; 2],
+}
+
+/// Writes an empty density image of the terrain's size, and a map to paint over.
+///
+/// An existing density is left alone, for someone may have painted on it.
+///
+/// # Errors
+/// The terrain is damaged, or the disk refuses.
+pub fn write(scene: &Scene, terrain: &Path, density: &Path) -> Result<Canvas> {
+    let layers = weald_formats::read_terrain(terrain)?;
+    let size = [layers.frame.width, layers.frame.height];
+    let story = make::provenance(scene, Stage::Terrain, false, Vec::new());
+    if !density.exists() {
+        let empty = Sketch::filled(size[0], size[1], [0; 3]);
+        weald_formats::write_png(density, size[0], size[1], &empty.rgb, &story)?;
+    }
+    let guide = guide_path(density);
+    let map = guide_map(scene, &layers);
+    weald_formats::write_png(&guide, map.width, map.height, &map.rgb, &story)?;
+    Ok(Canvas { density: density.to_path_buf(), guide, size })
+}
+
+/// `nettle.png` is painted over `nettle.guide.png`.
+fn guide_path(density: &Path) -> PathBuf {
+    density.with_extension("guide.png")
+}
+
+/// The relief with every view of the scene drawn in.
+fn guide_map(scene: &Scene, layers: &Layers) -> Sketch {
+    let mut map = draw_relief(layers);
+    for view in &scene.tables.view {
+        draw_view(&mut map, layers.frame, view);
+    }
+    map
+}
+
+/// The same where no run has left a terrain: it is made in a folder that is then forgotten.
+///
+/// # Errors
+/// See [`make::terrain`] and [`write`].
+pub fn write_with_new_terrain(
+    scene: &Scene,
+    density: &Path,
+    progress: &dyn Progress,
+) -> Result<Canvas> {
+    let folder = tempfile::tempdir().map_err(|error| Error::system(density, error))?;
+    let terrain = folder.path().join("terrain");
+    let story = make::provenance(scene, Stage::Terrain, false, Vec::new());
+    make::terrain(scene, &terrain, &story, progress)?;
+    write(scene, &terrain, density)
+}

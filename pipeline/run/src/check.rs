@@ -1,0 +1,200 @@
+//! What a run will take, before any work: `weald check`.
+//!
+//! Mistakes are found when the scene is read; what is left to say is how much memory and time
+//! the work needs. The figures are estimates from sizes alone, meant to tell seconds from hours.
+
+use crate::error::{Error, Result};
+use crate::parameters::render_config;
+use crate::scene::Scene;
+use serde::Serialize;
+use std::fmt;
+use weald_contract::Problem;
+use weald_contract::table::Tagged;
+
+/// Memory of a terrain cell while it is made: nine layers, as many temporaries, 4 bytes each.
+const BYTES_A_CELL: u64 = 72;
+/// Memory of a plant through ecosim and quantize: its row, its feature, its instance.
+const BYTES_A_PLANT: u64 = 200;
+/// Memory of a plant in the renderer: a node of the tree and a placement.
+const BYTES_AN_INSTANCE: u64 = 128;
+/// Memory of a pixel: sums of all channels in double precision, then the picture.
+const BYTES_A_PIXEL: u64 = 240;
+/// Memory of a plant model in the renderer: some 20,000 triangles with their tree.
+const BYTES_A_MODEL: u64 = 4 << 20;
+
+/// Seconds a terrain cell takes on one core, with water and derived layers.
+const SECONDS_A_CELL: f64 = 2e-6;
+/// Seconds a plant takes on one core to be placed, quantized, written and read.
+const SECONDS_A_PLANT: f64 = 4e-6;
+/// Seconds a model takes on one core.
+const SECONDS_A_MODEL: f64 = 0.1;
+/// Seconds a light path takes on one core in a wood: six bounces, each with a shadow ray.
+const SECONDS_A_SAMPLE: f64 = 1.5e-5;
+
+/// What a run will take.
+#[derive(Clone, Debug, Serialize)]
+pub struct Estimate {
+    /// Terrain cells, finer patches included.
+    pub cells: u64,
+    /// Most plants that the steps can place; simulations count their first plants only.
+    pub plants_at_most: u64,
+    /// Plant models to grow.
+    pub models_at_most: u64,
+    /// Light paths to trace.
+    pub samples: u64,
+    /// Memory at the fullest moment, bytes.
+    pub memory_bytes: u64,
+    /// Time on `threads` cores, s.
+    pub seconds: f64,
+    /// Cores counted on.
+    pub threads: usize,
+}
+
+/// Estimates a run of a scene that was read without a problem.
+///
+/// # Errors
+/// The elevation model cannot be read, or the run would need more memory than there is.
+pub fn estimate(scene: &Scene, is_draft: bool) -> Result<Estimate> {
+    let (cells, area) = cells(scene)?;
+    let plants = plants_at_most(scene, area);
+    let models = models_at_most(scene);
+    let config = render_config(scene, is_draft);
+    let pixels = u64::from(config.resolution[0]) * u64::from(config.resolution[1]);
+    let samples = pixels * u64::from(config.samples);
+    let terrain = cells * BYTES_A_CELL;
+    let growing = cells * BYTES_A_CELL / 2 + plants * BYTES_A_PLANT;
+    let tracing = cells * BYTES_A_CELL
+        + plants * (BYTES_AN_INSTANCE + BYTES_A_PLANT / 2)
+        + pixels * BYTES_A_PIXEL
+        + models * BYTES_A_MODEL;
+    let threads = rayon::current_num_threads();
+    let work = cells as f64 * SECONDS_A_CELL
+        + plants as f64 * SECONDS_A_PLANT
+        + models as f64 * SECONDS_A_MODEL
+        + samples as f64 * SECONDS_A_SAMPLE;
+    let estimate = Estimate {
+        cells,
+        plants_at_most: plants,
+        models_at_most: models,
+        samples,
+        memory_bytes: terrain.max(growing).max(tracing),
+        seconds: work / threads as f64,
+        threads,
+    };
+    refuse_too_large(scene, &estimate)?;
+    Ok(estimate)
+}
+
+/// Terrain cells, patches included, and the terrain's area in m².
+fn cells(scene: &Scene) -> Result<(u64, f64)> {
+    let Some(source) = scene.terrain_inputs.first() else { return Ok((0, 0.0)) };
+    let frame = weald_formats::read_raster(&source.path)
+        .map_err(|error| {
+            Error::wrong(&scene.sources, Problem::at(source.input.path.span, error.to_string()))
+        })?
+        .grid
+        .frame;
+    let area = frame.len() as f64 * frame.cell_area();
+    let cell = scene.terrain.cell.as_ref().map_or(frame.cell, |cell| cell.value);
+    let whole = area / (cell * cell);
+    let patches: f64 =
+        scene.terrain.detail.iter().map(|d| (2.0 * d.radius / d.cell.value).powi(2)).sum();
+    Ok(((whole + patches).min(u64::MAX as f64) as u64, area))
+}
+
+/// Upper bound of the plants that the steps place on an area, m².
+fn plants_at_most(scene: &Scene, area: f64) -> u64 {
+    let steps = scene.ecosim.step.iter().filter(|step| step.common.enabled);
+    let sum: f64 = steps.map(|Tagged { variant, .. }| step_plants(scene, variant, area)).sum();
+    sum.min(scene.ecosim.max_plants as f64) as u64
+}
+
+fn step_plants(scene: &Scene, step: &weald_ecosim::Step, area: f64) -> f64 {
+    match step {
+        weald_ecosim::Step::Halftone(halftone) => {
+            let group = scene.species.get(&halftone.species.value);
+            let side = group.and_then(|found| Some(f64::from(found.species.group.as_ref()?.side)));
+            match (halftone.arrange, side) {
+                (weald_ecosim::Arrange::Grid, Some(side)) => area / (side * side),
+                _ => f64::from(halftone.per_m2.unwrap_or(1.0)) * area,
+            }
+        }
+        weald_ecosim::Step::Simulate(simulate) => {
+            simulate.initial as f64 * simulate.species.len() as f64
+        }
+        weald_ecosim::Step::Place(place) => place.at.len() as f64,
+        _ => 0.0,
+    }
+}
+
+/// Models that the palette may hold.
+fn models_at_most(scene: &Scene) -> u64 {
+    let with_form = scene.species.values().filter(|found| found.form.is_some()).count() as u64;
+    let by_number = with_form * u64::from(scene.quantize.representatives);
+    scene.quantize.budget.map_or(by_number, |budget| u64::from(budget).max(with_form))
+}
+
+/// An absurd size is an error before work, not a crash in the middle of it.
+fn refuse_too_large(scene: &Scene, estimate: &Estimate) -> Result<()> {
+    let Some(available) = memory_of_machine() else { return Ok(()) };
+    if estimate.memory_bytes <= available {
+        return Ok(());
+    }
+    let [width, height] = scene.render.resolution;
+    Err(Error::plain(
+        format!(
+            "the run would need about {}, and the machine has {}",
+            bytes_in_words(estimate.memory_bytes),
+            bytes_in_words(available)
+        ),
+        format!(
+            "it has {} terrain cells, at most {} plants and {width} x {height} pixels: \
+             make the largest smaller",
+            estimate.cells, estimate.plants_at_most
+        ),
+    ))
+}
+
+/// Memory of the machine, bytes, where the system tells it.
+fn memory_of_machine() -> Option<u64> {
+    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
+    let line = text.lines().find(|line| line.starts_with("MemTotal:"))?;
+    let kilobytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
+    Some(kilobytes * 1024)
+}
+
+/// Bytes as people say them.
+pub fn bytes_in_words(bytes: u64) -> String {
+    let bytes = bytes as f64;
+    match bytes {
+        b if b < 1e6 => format!("{:.0} kB", b / 1e3),
+        b if b < 1e9 => format!("{:.0} MB", b / 1e6),
+        b => format!("{:.1} GB", b / 1e9),
+    }
+}
+
+/// Seconds as people say them.
+pub fn seconds_in_words(seconds: f64) -> String {
+    match seconds {
+        s if s < 10.0 => format!("{s:.1} s"),
+        s if s < 120.0 => format!("{s:.0} s"),
+        s if s < 7200.0 => format!("{:.0} min", s / 60.0),
+        s => format!("{:.0} h", s / 3600.0),
+    }
+}
+
+impl fmt::Display for Estimate {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "terrain cells     {}", self.cells)?;
+        writeln!(f, "plants at most    {}", self.plants_at_most)?;
+        writeln!(f, "models at most    {}", self.models_at_most)?;
+        writeln!(f, "light paths       {}", self.samples)?;
+        writeln!(f, "memory about      {}", bytes_in_words(self.memory_bytes))?;
+        writeln!(
+            f,
+            "time about        {} on {} threads",
+            seconds_in_words(self.seconds),
+            self.threads
+        )
+    }
+}

@@ -1,0 +1,144 @@
+//! Which of our files is this? Told by the name's ending and, for tables, by the columns.
+
+use crate::error::{Error, Result};
+use crate::library;
+use crate::preview::colors_by_name;
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use weald_contract::{FromToml, Population, Sources, Species, Value};
+
+/// The kinds of files that pass between stages.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FileKind {
+    /// A folder of layers.
+    Terrain,
+    /// An output folder of `weald run`.
+    Run,
+    /// A folder of plant models.
+    Plants,
+    /// One raster.
+    Raster,
+    /// Plants, a row each.
+    Population,
+    /// Where representatives stand.
+    Instances,
+    /// Any other table.
+    Table,
+    /// Representatives.
+    Palette,
+    /// A plant model.
+    Plant,
+    /// An OpenEXR picture.
+    Picture,
+    /// An 8-bit picture.
+    Png,
+    /// A JSON report.
+    Report,
+}
+
+impl FileKind {
+    /// The kind in words, with its article.
+    pub fn describe(self) -> &'static str {
+        match self {
+            FileKind::Terrain => "a terrain",
+            FileKind::Run => "an output folder",
+            FileKind::Plants => "a folder of plants",
+            FileKind::Raster => "a raster",
+            FileKind::Population => "a population",
+            FileKind::Instances => "a table of instances",
+            FileKind::Table => "a table",
+            FileKind::Palette => "a palette",
+            FileKind::Plant => "a plant model",
+            FileKind::Picture => "a picture",
+            FileKind::Png => "an 8-bit picture",
+            FileKind::Report => "a report",
+        }
+    }
+}
+
+/// Tells what a path holds.
+///
+/// # Errors
+/// There is nothing, or nothing that we know.
+pub fn kind(path: &Path) -> Result<FileKind> {
+    if !path.exists() {
+        let hint = crate::scene::near_file(path).unwrap_or_else(|| "check the path".into());
+        return Err(Error::plain(format!("there is no file {}", path.display()), hint));
+    }
+    if path.is_dir() {
+        return folder_kind(path);
+    }
+    let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
+    match ending.as_deref() {
+        Some("tif" | "tiff" | "asc") => Ok(FileKind::Raster),
+        Some("parquet" | "csv") => table_kind(path),
+        Some("toml") => Ok(FileKind::Palette),
+        Some("glb") => Ok(FileKind::Plant),
+        Some("exr") => Ok(FileKind::Picture),
+        Some("png") => Ok(FileKind::Png),
+        Some("json") => Ok(FileKind::Report),
+        _ => Err(Error::plain(
+            format!("{} is no file of ours", path.display()),
+            "known endings: tif, asc, parquet, csv, toml, glb, exr, png, json",
+        )),
+    }
+}
+
+fn folder_kind(path: &Path) -> Result<FileKind> {
+    if path.join(".weald").is_dir() {
+        return Ok(FileKind::Run);
+    }
+    if path.join("altitude.tif").is_file() {
+        return Ok(FileKind::Terrain);
+    }
+    let mut entries =
+        std::fs::read_dir(path).map_err(|error| Error::system(path, error))?.flatten();
+    if entries.any(|entry| entry.path().extension().is_some_and(|ending| ending == "glb")) {
+        return Ok(FileKind::Plants);
+    }
+    Err(Error::plain(
+        format!("{} holds no file of ours", path.display()),
+        "give a terrain's folder (with `altitude.tif`), one of plants, or the output of `weald run`",
+    ))
+}
+
+/// Tells tables apart by the columns that only one kind has.
+fn table_kind(path: &Path) -> Result<FileKind> {
+    let table = weald_formats::read_table(path)?;
+    let has = |name: &str| table.columns.iter().any(|(column, _)| column == name);
+    Ok(match () {
+        () if has("prototype") && has("group") => FileKind::Instances,
+        () if has("species") && has("x") && has("y") => FileKind::Population,
+        () => FileKind::Table,
+    })
+}
+
+/// The folder of a terrain, also when one of its layers was named.
+pub fn terrain_folder(path: &Path) -> PathBuf {
+    match path.file_name() {
+        Some(name) if name == "altitude.tif" => path.parent().unwrap_or(Path::new(".")).into(),
+        _ => path.into(),
+    }
+}
+
+/// Colours for a population's species: from `species/` near the file, then from the program.
+pub fn colors_of(population: &Population, near: &Path) -> Vec<[u8; 3]> {
+    let folder = near.parent().unwrap_or(Path::new("."));
+    let mut known = BTreeMap::new();
+    for name in &population.species {
+        let beside = folder.join("species").join(format!("{name}.toml"));
+        let text = std::fs::read_to_string(beside).ok();
+        let text = text.or_else(|| library::species(name).map(str::to_string));
+        if let Some(color) = text.and_then(|text| color_in(&text)) {
+            known.insert(name.clone(), color);
+        }
+    }
+    colors_by_name(&population.species, &known)
+}
+
+/// The colour of a species file; `None` when the file has mistakes, which matter elsewhere.
+fn color_in(text: &str) -> Option<[u32; 3]> {
+    let source = Sources::default().add("species", text);
+    let tree = Value::parse(source, text).ok()?;
+    Species::from_toml(&tree, &mut Vec::new()).map(|species| species.color)
+}

@@ -1,0 +1,63 @@
+//! A picture of any of our files, to look at while working.
+//!
+//! Shaded relief with water and contours for terrains, dots in the colours of their species for
+//! populations, a contact sheet for plant models, the tone-mapped picture for renderings.
+
+mod relief;
+mod sheet;
+mod sketch;
+
+pub use relief::{colors_by_name, draw_population, draw_relief, draw_view};
+pub use sheet::contact_sheet;
+pub use sketch::Sketch;
+
+use crate::error::{Error, Result};
+use crate::files::{self, FileKind};
+use std::path::Path;
+
+/// Draws any of our files, for `weald preview`.
+///
+/// # Errors
+/// The file cannot be read, or is of a kind that has no picture.
+pub fn of_file(path: &Path, terrain: Option<&Path>) -> Result<Sketch> {
+    match files::kind(path)? {
+        FileKind::Terrain => {
+            Ok(draw_relief(&weald_formats::read_terrain(&files::terrain_folder(path))?))
+        }
+        FileKind::Population => {
+            let population = weald_formats::read_population(path)?;
+            let terrain = terrain.map(weald_formats::read_terrain).transpose()?;
+            Ok(draw_population(&population, terrain.as_ref(), &files::colors_of(&population, path)))
+        }
+        FileKind::Plant => {
+            let model = weald_formats::read_plant(path)?;
+            Ok(contact_sheet(&[(model.name.clone(), &model)], 480))
+        }
+        FileKind::Picture => {
+            let picture = weald_formats::read_picture(path)?;
+            let rgb = weald_render::tone_map(&picture, 0.0);
+            Ok(Sketch { width: picture.width, height: picture.height, rgb })
+        }
+        FileKind::Raster => Ok(relief::draw_values(&weald_formats::read_raster(path)?.grid)),
+        FileKind::Png => {
+            let preview = weald_formats::read_png(path)?;
+            Ok(Sketch { width: preview.width, height: preview.height, rgb: preview.rgb })
+        }
+        kind => Err(Error::plain(
+            format!("{} is {}, which has no picture", path.display(), kind.describe()),
+            "preview takes terrains, populations, plants (.glb), rasters and pictures",
+        )),
+    }
+}
+
+/// Draws a file and writes the PNG, which carries the file's own story.
+///
+/// # Errors
+/// See [`of_file`]; or the disk refuses.
+pub fn write(path: &Path, terrain: Option<&Path>, to: &Path) -> Result<()> {
+    let sketch = of_file(path, terrain)?;
+    let story = weald_formats::provenance(path).ok().flatten();
+    let story = story.unwrap_or_else(|| crate::export::foreign(path));
+    weald_formats::write_png(to, sketch.width, sketch.height, &sketch.rgb, &story)?;
+    Ok(())
+}

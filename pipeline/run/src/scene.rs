@@ -1,0 +1,559 @@
+//! A scene: one TOML file, the species it names and the files its tables list.
+//!
+//! Everything that can be known to be wrong before any work is gathered here, from all tables at
+//! once: syntax, types, unknown fields, species and views that are nowhere, files that are absent.
+
+use crate::error::{Error, Result, none_wrong};
+use crate::parameters::{ecosim_species, quantize_species};
+use crate::{edit, library};
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+use weald_contract::source::nearest;
+use weald_contract::table::{FromToml, Kind, Table};
+use weald_contract::{
+    Input, InputKind, Problem, Problems, Sources, Span, Species, Value, View, Written, table,
+};
+
+table! {
+    /// A scene: ground, plants, views and light.
+    pub struct SceneTables {
+        /// Name for people.
+        title: String = String::new();
+        /// Root of all chance: another seed gives another scene of the same kind.
+        seed: u64 = 0;
+        /// The ground: read by the stage terrain.
+        terrain: Option<Value> = None;
+        /// The plants: read by the stage ecosim.
+        ecosim: Option<Value> = None;
+        /// How plants become few models: read by the stage quantize.
+        quantize: Option<Value> = None;
+        /// Places to look from.
+        view: Vec<View> = Vec::new();
+        /// Sun and sky.
+        sky: Option<Value> = None;
+        /// The picture: read by the stage render.
+        render: Option<Value> = None;
+        /// Things that are no plants: houses, fences, stones.
+        object: Vec<SceneObject> = Vec::new();
+    }
+}
+
+table! {
+    /// A thing that stands in the scene.
+    pub struct SceneObject {
+        /// Mesh, a `.glb` file.
+        model: Written<String>;
+        /// Place, scene coordinates, m.
+        at: [f64; 2], in -1000000.0..=1000000.0;
+        /// Height of its origin above the ground, or above sea level with `altitude = true`, m.
+        height: f64 = 0.0, in -10000.0..=100000.0;
+        /// Whether `height` counts from sea level.
+        altitude: bool = false;
+        /// Turn about the vertical, degrees clockwise from north.
+        yaw_deg: f64 = 0.0, in -3600.0..=3600.0;
+        /// Uniform scale.
+        scale: f64 = 1.0, in 0.000001..=1000000.0;
+    }
+}
+
+/// A species with the tables that the stages read.
+#[derive(Clone, Debug)]
+pub struct SceneSpecies {
+    /// What all stages agree on.
+    pub species: Species,
+    /// Its `[ecology]`, for ecosim.
+    pub ecology: Option<weald_ecosim::Ecology>,
+    /// Its `[form]`, for plants.
+    pub form: Option<weald_plants::Form>,
+    /// Where the text came from: a path, or `weald:species/NAME.toml` for one in the program.
+    pub origin: String,
+}
+
+/// A file that a scene names.
+#[derive(Clone, Debug)]
+pub struct SceneInput {
+    /// Field, path as written and what is expected.
+    pub input: Input,
+    /// The path to open.
+    pub path: PathBuf,
+}
+
+/// A scene without a mistake that can be found before work.
+#[derive(Clone, Debug)]
+pub struct Scene {
+    /// All texts: the scene, flags, species.
+    pub sources: Sources,
+    /// The file itself.
+    pub path: PathBuf,
+    /// Name: that of the folder, or of a file that is not called `scene.toml`.
+    pub name: String,
+    /// Title, seed, views and objects.
+    pub tables: SceneTables,
+    /// `[terrain]`.
+    pub terrain: weald_terrain::Config,
+    /// `[ecosim]`.
+    pub ecosim: weald_ecosim::Config,
+    /// `[quantize]`.
+    pub quantize: weald_quantize::Config,
+    /// `[sky]`.
+    pub sky: weald_render::Sky,
+    /// `[render]`.
+    pub render: weald_render::Config,
+    /// Names of the species that ecosim plants, sorted.
+    pub planted: Vec<String>,
+    /// Every species that may occur, members of groups too.
+    pub species: BTreeMap<String, SceneSpecies>,
+    /// Files named by `[terrain]`.
+    pub terrain_inputs: Vec<SceneInput>,
+    /// Files named by `[ecosim]`.
+    pub ecosim_inputs: Vec<SceneInput>,
+    /// Models named by `[[object]]`.
+    pub object_inputs: Vec<SceneInput>,
+}
+
+/// Layers that the stage terrain writes, by name; formulas may read them.
+pub const TERRAIN_LAYERS: [&str; 8] = [
+    "altitude",
+    "aspect",
+    "filled",
+    "slope",
+    "soil_moisture",
+    "upslope_area",
+    "water_depth",
+    "wetness",
+];
+
+/// What a command changes in a scene before it is read.
+#[derive(Clone, Debug, Default)]
+pub struct Changes {
+    /// `--set` flags, in order.
+    pub set: Vec<String>,
+    /// `--seed`.
+    pub seed: Option<u64>,
+}
+
+impl Scene {
+    /// Reads `scene.toml`, given itself or by its folder.
+    ///
+    /// # Errors
+    /// The file cannot be read, or [`Error::Wrong`] with everything that is wrong in it.
+    pub fn load(path: &Path, changes: &Changes) -> Result<Scene> {
+        let path = scene_file(path);
+        let mut reader = Reader::new(&path);
+        let text = read_text(&path)?;
+        let source = reader.sources.add(path.display().to_string(), text.clone());
+        match Value::parse(source, &text) {
+            Ok(tree) => reader.read(tree, changes),
+            Err(problems) => Err(Error::Wrong { sources: reader.sources.into(), problems }),
+        }
+    }
+
+    /// The view that `[render]` uses.
+    pub fn rendered_view(&self) -> Option<&View> {
+        self.view(&self.render.view.value)
+    }
+
+    /// The view with this name.
+    pub fn view(&self, name: &str) -> Option<&View> {
+        self.tables.view.iter().find(|view| view.name == name)
+    }
+
+    /// The folder that relative paths of the scene start from.
+    pub fn folder(&self) -> &Path {
+        self.path.parent().unwrap_or(Path::new(""))
+    }
+
+    /// Every file the scene depends on: itself, species beside it, inputs.
+    pub fn files(&self) -> Vec<PathBuf> {
+        let inputs = [&self.terrain_inputs, &self.ecosim_inputs, &self.object_inputs];
+        let mut files = vec![self.path.clone()];
+        files.extend(inputs.into_iter().flatten().map(|input| input.path.clone()));
+        let beside = self.species.values().map(|species| PathBuf::from(&species.origin));
+        files.extend(beside.filter(|path| path.is_file()));
+        files.sort();
+        files.dedup();
+        files
+    }
+
+    /// What ecosim, quantize and plants find wrong before any work.
+    ///
+    /// `known` are the problems found so far: a species that could not be read is not complained
+    /// of again as unknown.
+    fn stage_problems(&self, known: &Problems) -> Problems {
+        let mut problems = Vec::new();
+        if known.is_empty() {
+            problems.extend(self.ecosim.check(&ecosim_species(self), &TERRAIN_LAYERS));
+            problems.extend(self.quantize.check(&quantize_species(self)));
+        }
+        for form in self.species.values().filter_map(|found| found.form.as_ref()) {
+            problems.extend(form.check());
+        }
+        problems
+    }
+
+    /// JSON Schema of a scene file, from the same declarations that read it.
+    pub fn json_schema() -> serde_json::Value {
+        let mut schema = SceneTables::schema();
+        let stages = [
+            ("terrain", weald_terrain::Config::schema()),
+            ("ecosim", weald_ecosim::Config::schema()),
+            ("quantize", weald_quantize::Config::schema()),
+            ("sky", weald_render::Sky::schema()),
+            ("render", weald_render::Config::schema()),
+        ];
+        for (name, stage) in stages {
+            schema["properties"][name] = stage;
+        }
+        schema["$schema"] = "https://json-schema.org/draft/2020-12/schema".into();
+        schema["title"] = "Weald scene".into();
+        schema
+    }
+}
+
+/// JSON Schema of a species file, with the tables that the stages read.
+pub fn species_schema() -> serde_json::Value {
+    let mut schema = Species::json_schema();
+    schema["properties"]["ecology"] = weald_ecosim::Ecology::schema();
+    schema["properties"]["form"] = weald_plants::Form::schema();
+    schema["$schema"] = "https://json-schema.org/draft/2020-12/schema".into();
+    schema["title"] = "Weald species".into();
+    schema
+}
+
+/// The scene file meant by a path: a folder means its `scene.toml`.
+pub fn scene_file(path: &Path) -> PathBuf {
+    if path.is_dir() { path.join("scene.toml") } else { path.to_path_buf() }
+}
+
+/// Reads a text file, bounded so that a wrong name does not fill the memory.
+pub fn read_text(path: &Path) -> Result<String> {
+    /// Scenes and species are a few kilobytes.
+    const MAX_BYTES: u64 = 16 << 20;
+    let size = std::fs::metadata(path).map_err(|error| missing(path, error))?.len();
+    if size > MAX_BYTES {
+        let message = format!("{} has {size} bytes", path.display());
+        return Err(Error::plain(message, "a TOML file of at most 16 MB was expected"));
+    }
+    let bytes = std::fs::read(path).map_err(|error| Error::system(path, error))?;
+    String::from_utf8(bytes).map_err(|error| {
+        let at = error.utf8_error().valid_up_to();
+        Error::plain(
+            format!("{} is not UTF-8 at byte {at}", path.display()),
+            "a TOML text was expected",
+        )
+    })
+}
+
+fn missing(path: &Path, error: std::io::Error) -> Error {
+    if error.kind() != std::io::ErrorKind::NotFound {
+        return Error::system(path, error);
+    }
+    let hint = match path.file_name().and_then(|name| name.to_str()) {
+        Some("scene.toml") => {
+            "give a folder that holds a `scene.toml`, or make one with `weald new`".into()
+        }
+        _ => near_file(path).unwrap_or_else(|| "check the path".into()),
+    };
+    Error::plain(format!("there is no file {}", path.display()), hint)
+}
+
+/// "did you mean" for a file that is not there, from its folder's names.
+pub fn near_file(path: &Path) -> Option<String> {
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+    let entries = std::fs::read_dir(folder.unwrap_or(Path::new("."))).ok()?;
+    let mut names: Vec<String> =
+        entries.flatten().map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
+    names.sort();
+    let name = path.file_name()?.to_string_lossy().into_owned();
+    nearest(&name, names.iter().map(String::as_str)).map(|near| format!("did you mean `{near}`?"))
+}
+
+/// Reads one species file's text into what the stages need.
+///
+/// `None` when something is wrong, which is then in `problems`.
+pub fn read_species(
+    origin: &str,
+    text: &str,
+    sources: &mut Sources,
+    problems: &mut Problems,
+) -> Option<SceneSpecies> {
+    let source = sources.add(origin, text);
+    let tree = Value::parse(source, text).map_err(|found| problems.extend(found)).ok()?;
+    let species = Species::read(&tree, problems)?;
+    let before = problems.len();
+    let ecology = species.ecology.as_ref().and_then(|v| FromToml::from_toml(v, problems));
+    let form = species.form.as_ref().and_then(|v| FromToml::from_toml(v, problems));
+    (problems.len() == before).then(|| SceneSpecies {
+        species,
+        ecology,
+        form,
+        origin: origin.into(),
+    })
+}
+
+/// Text and origin of a species: beside the scene first, then from the program.
+pub fn find_species(folder: &Path, name: &str) -> Option<(String, Result<String>)> {
+    let beside = folder.join("species").join(format!("{name}.toml"));
+    if beside.is_file() {
+        return Some((beside.display().to_string(), read_text(&beside)));
+    }
+    let text = library::species(name)?;
+    Some((format!("weald:species/{name}.toml"), Ok(text.into())))
+}
+
+/// Species by name with their texts, and the members of those that are groups, for commands that
+/// have no scene: from `species/` in `folder`, then from the program.
+///
+/// # Errors
+/// Everything that is wrong with them, or that one is nowhere.
+pub fn load_species(
+    folder: &Path,
+    names: impl IntoIterator<Item = String>,
+) -> Result<(Sources, BTreeMap<String, SceneSpecies>)> {
+    let mut reader = Reader::new(&folder.join("scene.toml"));
+    let names: Vec<String> = names.into_iter().collect();
+    // The names themselves are the text that a problem points into.
+    let text = names.join(" ");
+    let source = reader.sources.add("species asked for", text);
+    let mut start = 0;
+    let mut wanted = Vec::new();
+    for value in names {
+        let end = start + value.len();
+        wanted.push(Written { value, span: Span { source, start: start as u32, end: end as u32 } });
+        start = end + 1;
+    }
+    let species = reader.species(wanted);
+    let forms = species.values().filter_map(|found| found.form.as_ref());
+    let found: Problems = forms.flat_map(weald_plants::Form::check).collect();
+    reader.problems.extend(found);
+    none_wrong(&reader.sources, reader.problems)?;
+    Ok((reader.sources, species))
+}
+
+/// A scene on its way from text to [`Scene`].
+struct Reader {
+    path: PathBuf,
+    sources: Sources,
+    problems: Problems,
+}
+
+impl Reader {
+    fn new(path: &Path) -> Self {
+        Self { path: path.to_path_buf(), sources: Sources::default(), problems: Vec::new() }
+    }
+
+    fn folder(&self) -> PathBuf {
+        self.path.parent().unwrap_or(Path::new("")).to_path_buf()
+    }
+
+    fn read(mut self, mut tree: Value, changes: &Changes) -> Result<Scene> {
+        for flag in &changes.set {
+            edit::set(&mut tree, flag, &mut self.sources, &mut self.problems);
+        }
+        let tables = SceneTables::from_toml(&tree, &mut self.problems);
+        // A mistake in one table must not hide those in another: each is read by itself.
+        let terrain = self.stage(&tree, "terrain");
+        let ecosim: Option<weald_ecosim::Config> = self.stage(&tree, "ecosim");
+        let quantize = self.stage(&tree, "quantize");
+        let sky = self.stage(&tree, "sky");
+        let render: Option<weald_render::Config> = self.stage(&tree, "render");
+        let views = tables.as_ref().map_or(&[][..], |tables| &tables.view);
+        self.check_views(views);
+
+        let terrain_inputs = self.open_inputs(terrain.as_ref().map(weald_terrain::Config::inputs));
+        let ecosim_inputs = self.open_inputs(ecosim.as_ref().map(weald_ecosim::Config::inputs));
+        let object_inputs = self.open_inputs(tables.as_ref().map(object_inputs));
+        let mut wanted = ecosim.as_ref().map_or_else(Vec::new, named_species);
+        wanted.extend(self.species_of_tables(&ecosim_inputs));
+        let mut planted: Vec<String> = wanted.iter().map(|name| name.value.clone()).collect();
+        planted.sort();
+        planted.dedup();
+        let species = self.species(wanted);
+        if let Some(config) = &terrain {
+            self.problems.extend(config.check(views));
+        }
+        if let Some(config) = &render {
+            self.problems.extend(config.check(views));
+        }
+        let (
+            Some(mut tables),
+            Some(terrain),
+            Some(ecosim),
+            Some(quantize),
+            Some(sky),
+            Some(render),
+        ) = (tables, terrain, ecosim, quantize, sky, render)
+        else {
+            // Each table that could not be read has left its problems.
+            return Err(Error::Wrong { sources: self.sources.into(), problems: self.problems });
+        };
+        tables.seed = changes.seed.unwrap_or(tables.seed);
+        let mut scene = Scene {
+            name: scene_name(&self.path),
+            sources: self.sources,
+            path: self.path,
+            tables,
+            terrain,
+            ecosim,
+            quantize,
+            sky,
+            render,
+            planted,
+            species,
+            terrain_inputs,
+            ecosim_inputs,
+            object_inputs,
+        };
+        self.problems.extend(scene.stage_problems(&self.problems));
+        let sources = std::mem::take(&mut scene.sources);
+        none_wrong(&sources, self.problems)?;
+        Ok(Scene { sources, ..scene })
+    }
+
+    /// Reads the table of one stage; an absent one is read as an empty one.
+    fn stage<T: FromToml>(&mut self, tree: &Value, name: &str) -> Option<T> {
+        let found = tree.as_table().and_then(|table| table.get(name));
+        if let Some(value) = found {
+            return T::from_toml(value, &mut self.problems);
+        }
+        let empty = Value { span: tree.span, kind: Kind::Table(Table::default()) };
+        let mut problems = Vec::new();
+        let read = T::from_toml(&empty, &mut problems);
+        self.problems.extend(problems.into_iter().map(|problem| Problem {
+            message: format!("{} in table `[{name}]`, which is absent", problem.message),
+            ..problem
+        }));
+        read
+    }
+
+    /// Complains of views that have the same name.
+    fn check_views(&mut self, views: &[View]) {
+        let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
+        for (i, name) in names.iter().enumerate() {
+            if names[..i].contains(name) {
+                self.problems.push(
+                    Problem::new(format!("two views are called `{name}`")).hint("rename one"),
+                );
+            }
+        }
+    }
+
+    /// Finds each named file, complaining of those that are not there.
+    fn open_inputs(&mut self, inputs: Option<Vec<Input>>) -> Vec<SceneInput> {
+        let mut opened = Vec::new();
+        for input in inputs.unwrap_or_default() {
+            let path = self.folder().join(&input.path.value);
+            if path.is_file() {
+                opened.push(SceneInput { input, path });
+                continue;
+            }
+            let message = format!("there is no file {}", path.display());
+            let problem = Problem::at(input.path.span, message);
+            self.problems.push(problem.hint(near_file(&path).unwrap_or_else(|| {
+                format!("`{}` takes a path relative to the scene's folder", input.field)
+            })));
+        }
+        opened
+    }
+
+    /// Species that occur in tables of plants which the scene names.
+    fn species_of_tables(&mut self, inputs: &[SceneInput]) -> Vec<Written<String>> {
+        let mut names = Vec::new();
+        for SceneInput { input, path } in inputs {
+            if input.kind != InputKind::Plants {
+                continue;
+            }
+            match weald_formats::read_population(path) {
+                Ok(population) => names.extend(
+                    population
+                        .species
+                        .into_iter()
+                        .map(|value| Written { value, span: input.path.span }),
+                ),
+                Err(error) => self.problems.push(Problem::at(input.path.span, error.to_string())),
+            }
+        }
+        names
+    }
+
+    /// Reads every wanted species, and the members of those that are groups.
+    fn species(&mut self, mut wanted: Vec<Written<String>>) -> BTreeMap<String, SceneSpecies> {
+        let mut read = BTreeMap::new();
+        let mut failed: Vec<String> = Vec::new();
+        while let Some(name) = wanted.pop() {
+            if read.contains_key(&name.value) || failed.contains(&name.value) {
+                continue;
+            }
+            match self.one_species(&name) {
+                Some(found) => {
+                    let members = found.species.group.iter().flat_map(|group| &group.member);
+                    wanted.extend(members.map(|member| member.species.clone()));
+                    read.insert(name.value, found);
+                }
+                None => failed.push(name.value),
+            }
+        }
+        read
+    }
+
+    fn one_species(&mut self, name: &Written<String>) -> Option<SceneSpecies> {
+        let Some((origin, text)) = find_species(&self.folder(), &name.value) else {
+            self.problems.push(unknown_species(name, &self.folder()));
+            return None;
+        };
+        match text {
+            Ok(text) => read_species(&origin, &text, &mut self.sources, &mut self.problems),
+            Err(error) => {
+                self.problems.push(Problem::at(name.span, error.to_string()));
+                None
+            }
+        }
+    }
+}
+
+/// The complaint about a species that is nowhere, with those that are.
+fn unknown_species(name: &Written<String>, folder: &Path) -> Problem {
+    let mut known: Vec<String> =
+        library::SPECIES.iter().map(|(known, _)| (*known).to_string()).collect();
+    let beside = std::fs::read_dir(folder.join("species")).into_iter().flatten().flatten();
+    known.extend(beside.filter_map(|entry| Some(entry.path().file_stem()?.to_str()?.to_string())));
+    known.sort();
+    known.dedup();
+    let hint = match nearest(&name.value, known.iter().map(String::as_str)) {
+        Some(near) => format!("did you mean `{near}`?"),
+        None => format!(
+            "write species/{}.toml beside the scene, or use one of: {}",
+            name.value,
+            known.join(", ")
+        ),
+    };
+    Problem::at(name.span, format!("unknown species `{}`", name.value)).hint(hint)
+}
+
+/// Names of species that `[ecosim]` uses.
+fn named_species(config: &weald_ecosim::Config) -> Vec<Written<String>> {
+    config.species().into_iter().cloned().collect()
+}
+
+fn object_inputs(tables: &SceneTables) -> Vec<Input> {
+    let input = |(index, object): (usize, &SceneObject)| Input {
+        field: format!("object[{index}].model"),
+        path: object.model.clone(),
+        kind: InputKind::Model,
+    };
+    tables.object.iter().enumerate().map(input).collect()
+}
+
+/// Name of a scene for its output folder.
+fn scene_name(path: &Path) -> String {
+    let stem = path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
+    let folder = || {
+        let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+        let folder = folder.unwrap_or(Path::new(".")).canonicalize().ok()?;
+        Some(folder.file_name()?.to_string_lossy().into_owned())
+    };
+    match stem {
+        Some(stem) if stem != "scene" => stem,
+        _ => folder().unwrap_or_else(|| "scene".into()),
+    }
+}

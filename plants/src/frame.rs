@@ -25,16 +25,6 @@ pub fn direction(azimuth: f32, declination: f32) -> Vec3 {
     Vec3::new(sin_d * cos_a, sin_d * sin_a, cos_d)
 }
 
-/// The rotation that turns unit vector `from` part of the way to unit vector `to`.
-///
-/// `part` 0 turns nothing, 1 all the way; in between the angle grows smoothly though not
-/// linearly, which costs one square root instead of an arc cosine. Opposite vectors at part 1/2
-/// have no middle; then nothing turns.
-pub fn turn_towards(from: Vec3, to: Vec3, part: f32) -> Quat {
-    let target = (from + (to - from) * part).try_normalize().unwrap_or(from);
-    Quat::from_rotation_arc(from, target)
-}
-
 /// A unit vector at right angles to unit vector `axis`.
 pub fn any_normal(axis: Vec3) -> Vec3 {
     let helper = if axis.x.abs() < 0.7 { Vec3::X } else { Vec3::Y };
@@ -73,13 +63,5 @@ mod tests {
         assert!((rot_x(quarter) * Vec3::Y - Vec3::Z).length() < 1e-6);
         assert!((rot_z(quarter) * Vec3::X - Vec3::Y).length() < 1e-6);
         assert!((direction(quarter, quarter) - Vec3::Y).length() < 1e-6);
-    }
-
-    #[test]
-    fn turning_the_whole_way_arrives() {
-        let (from, to) = (Vec3::X, Vec3::new(0.6, 0.0, 0.8));
-        assert!((turn_towards(from, to, 1.0) * from - to).length() < 1e-5);
-        assert!((turn_towards(from, to, 0.0) * from - from).length() < 1e-6);
-        assert!(turn_towards(from, -from, 0.5).is_finite());
     }
 }

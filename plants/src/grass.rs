@@ -4,9 +4,9 @@ use crate::Stature;
 use crate::frame::direction;
 use crate::material::{LeafColor, leaf};
 use crate::presence::presence;
-use crate::skeleton::{Axis, AxisKind, Node, Skeleton};
+use crate::skeleton::{Axis, AxisKind, Node, Skeleton, axis_id};
 use glam::Vec3;
-use weald_contract::{Problems, Seed, Stream, seed, table};
+use weald_contract::{Problems, Seed, Stream, table};
 
 table! {
     /// A tuft.
@@ -122,12 +122,13 @@ impl Grass {
         let material = if is_dry { colors.dry } else { colors.green[stream.below(2) as usize] };
         let length = stature.height * grown * stream.range(0.55, 1.1) as f32;
         let path = self.arch(rim, is_dry, &mut stream);
-        let foot = direction(azimuth, std::f32::consts::FRAC_PI_2) * (rim * self.foot * stature.radius);
+        let foot =
+            direction(azimuth, std::f32::consts::FRAC_PI_2) * (rim * self.foot * stature.radius);
         let facing = azimuth + stream.around(0.0, 0.5) as f32;
         let width = self.width * stream.range(0.7, 1.2) as f32 * thin(stature);
         let shape = Arch { foot, azimuth: facing, length, path };
         let nodes = shape.nodes(self.segments, |t| 0.5 * width * blade_width(t));
-        let id = seed::mix(u64::from(slot) + 1);
+        let id = axis_id(0, "blade", slot);
         let axis = Axis::new(id, AxisKind::Blade, material);
         skeleton.push(axis.facing(-direction(facing, 1.0).with_z(-0.5).normalize()), nodes);
     }
@@ -154,7 +155,8 @@ impl Grass {
         let mut stream = seed.stream("head", u64::from(slot));
         let azimuth = stream.range(0.0, std::f64::consts::TAU) as f32;
         let rim = stream.unit() as f32;
-        let foot = direction(azimuth, std::f32::consts::FRAC_PI_2) * (0.5 * rim * self.foot * stature.radius);
+        let foot = direction(azimuth, std::f32::consts::FRAC_PI_2)
+            * (0.5 * rim * self.foot * stature.radius);
         let length = stature.height * grown * stream.range(1.05, 1.35) as f32;
         let lean = self.lean_deg[0].to_radians() + 0.12 * rim;
         let path = [lean, lean + stream.range(0.1, 0.5) as f32];
@@ -163,11 +165,11 @@ impl Grass {
         let from = 1.0 - self.head_length;
         let thick = 0.5 * self.head_width * thin(stature) * grown;
         // Stem and head are one axis each: the head swells and closes to a point.
-        let stalk = stem.part(0.0, from + 0.02, 3, |_| width);
+        let stalk = stem.part(0.0, from, 3, |_| width);
         let head = stem.part(from, 1.0, 4, |t| thick * (0.35 + 2.6 * t).min(1.0) * (1.02 - t));
-        let id = seed::mix(0x5EED + u64::from(slot));
+        let id = axis_id(0, "stalk", slot);
         let stalk = skeleton.push(Axis::new(id, AxisKind::Stem, colors.green[1]), stalk);
-        let axis = Axis::new(seed::mix(id), AxisKind::Stem, colors.head).on(stalk, 1.0, 1);
+        let axis = Axis::new(axis_id(id, "head", 0), AxisKind::Stem, colors.head).on(stalk, 1.0, 1);
         skeleton.push(axis, head);
     }
 }
@@ -211,16 +213,33 @@ impl Arch {
         self.foot + direction(self.azimuth, from + half) * (self.length * t * chord)
     }
 
+    /// The point at the fraction `t` of the polygon of `segments` that [`Arch::nodes`] makes of
+    /// it: what grows there stands on what is drawn.
+    pub fn point_on(&self, segments: u32, t: f32) -> Vec3 {
+        let place = (t * segments as f32).clamp(0.0, segments as f32);
+        let before = libm::floorf(place).min(segments as f32 - 1.0);
+        let corner = |i: f32| self.point(i / segments as f32);
+        corner(before).lerp(corner(before + 1.0), place - before)
+    }
+
     /// Nodes of the whole, its first a little below ground.
     pub fn nodes(&self, segments: u32, radius: impl Fn(f32) -> f32) -> Vec<Node> {
         let mut nodes = self.part(0.0, 1.0, segments, radius);
+        // Blades that arch over come to lie on the ground.
+        nodes.iter_mut().for_each(|node| node.position.z = node.position.z.max(0.0));
         nodes[0].position -= direction(self.azimuth, self.path[0]) * ROOT_DEPTH;
         nodes
     }
 
     /// Nodes of the part between two fractions of the length; `radius` takes the fraction of
     /// the part.
-    pub fn part(&self, from: f32, to: f32, segments: u32, radius: impl Fn(f32) -> f32) -> Vec<Node> {
+    pub fn part(
+        &self,
+        from: f32,
+        to: f32,
+        segments: u32,
+        radius: impl Fn(f32) -> f32,
+    ) -> Vec<Node> {
         let node = |i: u32| {
             let t = i as f32 / segments as f32;
             let radius = if i < segments { radius(t).max(1e-5) } else { radius(t).max(0.0) };

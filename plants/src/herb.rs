@@ -6,9 +6,9 @@ use crate::grass::{Arch, fit};
 use crate::material::{LeafColor, opaque, petal};
 use crate::organ::{self, LeafShape};
 use crate::presence::{filling, presence};
-use crate::skeleton::{Axis, AxisKind, PlacedOrgan, Skeleton};
+use crate::skeleton::{Axis, AxisKind, PlacedOrgan, Skeleton, axis_id};
 use glam::Vec3;
-use weald_contract::{Mesh, Problems, Seed, Stream, seed, table, words};
+use weald_contract::{Mesh, Problems, Seed, Stream, table, words};
 
 words! {
     /// How an herb flowers.
@@ -72,6 +72,9 @@ const HUES: u32 = 2;
 /// Golden angle, rad: leaves of a stem stand at multiples of it [Vogel79].
 const GOLDEN_ANGLE: f32 = 2.399_963_2;
 
+/// Segments of a stem.
+const STEM_SEGMENTS: u32 = 4;
+
 /// One stem that has grown.
 struct Stem {
     line: Arch,
@@ -130,9 +133,11 @@ impl Herb {
         let radius = self.head_radius;
         let long = 1.0 - 0.8 * self.disc;
         // Petals touch each other where they are widest.
-        let width = 1.5 * std::f32::consts::PI * (0.8 * self.disc + 0.62 * long) / self.petals as f32;
+        let width =
+            1.5 * std::f32::consts::PI * (0.8 * self.disc + 0.62 * long) / self.petals as f32;
         let inner = 0.8 * self.disc / long;
-        let petals = organ::petals(self.petals, inner, width / long, self.petal_rise, petal_material);
+        let petals =
+            organ::petals(self.petals, inner, width / long, self.petal_rise, petal_material);
         let petals = organ::scaled(petals, long * radius, [0.0; 3]);
         let disc = organ::dome(6, self.disc_height, disc_material);
         vec![petals, organ::scaled(disc, self.disc * radius, [0.0; 3])]
@@ -158,8 +163,8 @@ impl Herb {
         let path = [lean, lean * stream.range(0.0, 0.7) as f32];
         let line = Arch { foot, azimuth, length, path };
         let radius = stature.stem_radius;
-        let nodes = line.nodes(4, |t| radius * (1.0 - 0.6 * t));
-        let id = seed::mix(u64::from(slot) + 1);
+        let nodes = line.nodes(STEM_SEGMENTS, |t| radius * (1.0 - 0.6 * t));
+        let id = axis_id(0, "stem", slot);
         let axis = skeleton.push(Axis::new(id, AxisKind::Stem, material), nodes);
         Stem { line, axis, slot, grown }
     }
@@ -188,7 +193,7 @@ impl Herb {
             skeleton.organs.push(PlacedOrgan {
                 prototype: u32::from(hue > 0.0),
                 axis: stem.axis,
-                position: stem.line.point(t),
+                position: stem.line.point_on(STEM_SEGMENTS, t),
                 rotation,
                 scale: Vec3::new(length * self.leaf_width, length, length),
             });
@@ -249,7 +254,7 @@ impl Flowers<'_> {
                 (self.stem.axis, self.stem.line.point(1.0))
             } else {
                 let t = 0.9 - 0.35 * slot as f32 / count as f32;
-                let foot = self.stem.line.point(t);
+                let foot = self.stem.line.point_on(STEM_SEGMENTS, t);
                 let length = long * self.stature.height * grown;
                 let line = Arch { foot, azimuth, length, path: [0.8, 0.3] };
                 self.branch(&line, t, slot)
@@ -269,10 +274,16 @@ impl Flowers<'_> {
             let t = 0.7 + 0.3 * part;
             let azimuth = self.stem.line.azimuth + GOLDEN_ANGLE * spray as f32;
             let length = (0.19 - 0.1 * part) * self.stature.height * ripe * self.stem.grown;
-            let line = Arch { foot: self.stem.line.point(t), azimuth, length, path: [0.6, 1.8 - part] };
+            let line = Arch {
+                foot: self.stem.line.point_on(STEM_SEGMENTS, t),
+                azimuth,
+                length,
+                path: [0.6, 1.8 - part],
+            };
             let (axis, _) = self.branch(&line, t, spray);
             for blossom in 0..per_spray.min(count - (spray * per_spray).min(count)) {
-                let along = 0.2 + 0.8 * (blossom as f32 + self.stream.unit() as f32) / per_spray as f32;
+                let along =
+                    0.2 + 0.8 * (blossom as f32 + self.stream.unit() as f32) / per_spray as f32;
                 let size = self.stream.range(0.7, 1.15) as f32 * (1.1 - 0.5 * along);
                 let azimuth = self.stream.range(0.0, std::f64::consts::TAU) as f32;
                 let facing = direction(azimuth, 0.5);
@@ -285,7 +296,7 @@ impl Flowers<'_> {
     fn branch(&mut self, line: &Arch, t: f32, slot: u32) -> (u32, Vec3) {
         let radius = 0.45 * self.stature.stem_radius;
         let nodes = line.part(0.0, 1.0, 2, |t| radius * (1.0 - 0.5 * t));
-        let id = seed::mix(seed::mix(0xF10E + u64::from(self.stem.slot)) ^ u64::from(slot));
+        let id = axis_id(axis_id(0, "stem", self.stem.slot), "branch", slot);
         let axis = Axis::new(id, AxisKind::Stem, self.stalk).on(self.stem.axis, t, 1);
         (self.skeleton.push(axis, nodes), line.point(1.0))
     }

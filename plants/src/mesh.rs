@@ -171,7 +171,7 @@ fn sweep_blade(path: &[Station], mesh: &mut Mesh) {
     let Some((tip, body)) = path.split_last() else { return };
     for station in body {
         let side = station.tangent.cross(station.normal) * station.radius;
-        for (offset, u) in [(side, station.radius), (-side, -station.radius)] {
+        for (offset, u) in [(-side, -station.radius), (side, station.radius)] {
             mesh.positions.push((station.position + offset).to_array());
             mesh.normals.push(station.normal.to_array());
             mesh.uvs.push([u, station.along]);
@@ -197,7 +197,8 @@ mod tests {
     fn swept(nodes: &[(f32, f32, f32, f32)], kind: AxisKind) -> Mesh {
         let mut skeleton = Skeleton::default();
         skeleton.add_material(opaque("bark", [0.2; 3]));
-        let nodes = nodes.iter().map(|&(x, y, z, radius)| Node { position: Vec3::new(x, y, z), radius });
+        let nodes =
+            nodes.iter().map(|&(x, y, z, radius)| Node { position: Vec3::new(x, y, z), radius });
         skeleton.push(Axis::new(1, kind, 0), nodes);
         model("test", &skeleton).wood.remove(0)
     }
@@ -211,7 +212,15 @@ mod tests {
 
     #[test]
     fn a_cylinder_encloses_the_volume_of_its_twelve_sided_prism() {
-        let mesh = swept(&[(0.0, 0.0, 0.0, 0.5), (0.0, 0.0, 1.0, 0.5), (0.0, 0.0, 2.0, 0.5), (0.0, 0.0, 2.0, 0.0)], AxisKind::Stem);
+        let mesh = swept(
+            &[
+                (0.0, 0.0, 0.0, 0.5),
+                (0.0, 0.0, 1.0, 0.5),
+                (0.0, 0.0, 2.0, 0.5),
+                (0.0, 0.0, 2.0, 0.0),
+            ],
+            AxisKind::Stem,
+        );
         // A regular 12-gon of circumradius r has the area 3 r².
         assert!((volume(&mesh) - 2.0 * 3.0 * 0.25).abs() < 1e-4);
     }
@@ -236,7 +245,8 @@ mod tests {
             .map(|(a, b)| (key(a), key(b)))
             .collect();
         edges.sort_unstable();
-        let unpaired = edges.iter().filter(|(a, b)| edges.binary_search(&(*b, *a)).is_err()).count();
+        let unpaired =
+            edges.iter().filter(|(a, b)| edges.binary_search(&(*b, *a)).is_err()).count();
         let base_edges = side_count(0.1);
         assert_eq!(unpaired, base_edges);
         for (triangle, _) in mesh.triangles.iter().zip(0..) {

@@ -83,7 +83,12 @@ pub fn petals(count: u32, inner: f32, width: f32, rise: f32, material: u32) -> M
         };
         let first = mesh.positions.len() as u32;
         // Two triangles: a kite that is widest beyond the middle.
-        mesh.positions.extend([point(0.0, 0.0, 0.0), point(0.62, -1.0, 0.5), point(1.0, 0.0, 1.0), point(0.62, 1.0, 0.5)]);
+        mesh.positions.extend([
+            point(0.0, 0.0, 0.0),
+            point(0.62, -1.0, 0.5),
+            point(1.0, 0.0, 1.0),
+            point(0.62, 1.0, 0.5),
+        ]);
         mesh.triangles.extend([[first, first + 3, first + 2], [first, first + 2, first + 1]]);
     }
     smooth(&mut mesh);
@@ -174,7 +179,9 @@ mod tests {
             assert!((area(&mesh) - leaf_area(shape)).abs() < 0.02, "{shape:?}");
             assert!((4..=8).contains(&mesh.triangles.len()));
             assert!(mesh.normals.iter().all(|n| n[2] > 0.99));
-            assert!(mesh.positions.iter().all(|p| p[0].abs() <= 0.5 && (0.0..=1.0).contains(&p[1])));
+            assert!(
+                mesh.positions.iter().all(|p| p[0].abs() <= 0.5 && (0.0..=1.0).contains(&p[1]))
+            );
         }
     }
 

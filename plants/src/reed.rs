@@ -5,9 +5,9 @@ use crate::frame::direction;
 use crate::grass::{Arch, fit};
 use crate::material::{LeafColor, leaf, opaque};
 use crate::presence::{filling, presence};
-use crate::skeleton::{Axis, AxisKind, Skeleton};
+use crate::skeleton::{Axis, AxisKind, Skeleton, axis_id};
 use glam::Vec3;
-use weald_contract::{Problems, Seed, seed, table, words};
+use weald_contract::{Problems, Seed, table, words};
 
 words! {
     /// What stands on top of a reed.
@@ -52,6 +52,9 @@ table! {
         color: LeafColor = LeafColor::default();
     }
 }
+
+/// Segments of a stem.
+const STEM_SEGMENTS: u32 = 4;
 
 /// Materials of a clump.
 struct Colors {
@@ -125,10 +128,11 @@ impl Reed {
         let lean = stream.range(0.0, 0.1) as f32;
         let length = stature.height * grown * stream.range(0.82, 1.0) as f32;
         let azimuth = azimuth + stream.around(0.0, 1.0) as f32;
-        let line = Arch { foot, azimuth, length, path: [lean, lean + stream.range(0.0, 0.15) as f32] };
+        let line =
+            Arch { foot, azimuth, length, path: [lean, lean + stream.range(0.0, 0.15) as f32] };
         let radius = stature.stem_radius;
-        let nodes = line.nodes(4, |t| radius * (1.0 - 0.75 * t));
-        let id = seed::mix(u64::from(slot) + 1);
+        let nodes = line.nodes(STEM_SEGMENTS, |t| radius * (1.0 - 0.75 * t));
+        let id = axis_id(0, "stem", slot);
         let axis = skeleton.push(Axis::new(id, AxisKind::Stem, colors.stem), nodes);
         Stem { line, axis, slot, grown }
     }
@@ -161,13 +165,13 @@ impl Reed {
             let length = self.leaf_length * stature.height * longest * (1.0 + size) * grown;
             let [start, end] = self.leaf_angle_deg.map(f32::to_radians);
             let path = [start, (end + droop).clamp(start, 2.9)];
-            let line = Arch { foot: stem.line.point(t), azimuth, length, path };
+            let line = Arch { foot: stem.line.point_on(STEM_SEGMENTS, t), azimuth, length, path };
             let width = self.leaf_width * (0.5 + 0.5 * stature.maturity) * grown;
             let nodes = line.part(0.0, 1.0, self.segments, |t| 0.5 * width * blade(t));
             // The lowest leaves wither first.
             let is_dry = part < 0.35 * (1.2 - stature.vigor);
             let material = if is_dry { colors.dry } else { colors.green[usize::from(color > 0.0)] };
-            let id = seed::mix(seed::mix(u64::from(stem.slot) + 1) ^ u64::from(slot + 1));
+            let id = axis_id(axis_id(0, "stem", stem.slot), "leaf", slot);
             let axis = Axis::new(id, AxisKind::Blade, material).on(stem.axis, t, 1);
             let upper = direction(azimuth + std::f32::consts::PI, 1.570_796_4 - start);
             skeleton.push(axis.facing(upper), nodes);
@@ -204,20 +208,26 @@ impl Reed {
         ripe: f32,
         seed: Seed,
     ) {
-        const BRUSHES: u32 = 9;
+        const BRUSHES: u32 = 15;
         let mut stream = seed.stream("plume", u64::from(stem.slot));
         let length = self.head_length * stature.height * ripe;
         for brush in 0..BRUSHES {
             let part = brush as f32 / (BRUSHES - 1) as f32;
             let t = 1.0 - self.head_length * 0.8 * (1.0 - part);
             let azimuth = stem.line.azimuth + stream.around(0.0, 1.6) as f32;
-            let start = 0.15 + 0.35 * (1.0 - part);
+            let start = 0.1 + 0.3 * (1.0 - part);
             let end = start + stream.range(0.5, 1.3) as f32;
             let own = length * (0.85 - 0.3 * part) * stream.range(0.8, 1.2) as f32;
-            let line = Arch { foot: stem.line.point(t), azimuth, length: own, path: [start, end] };
-            let width = 0.2 * own;
-            let nodes = line.part(0.0, 1.0, 3, |t| 0.5 * width * (0.25 + 2.5 * t).min(1.0) * (1.0 - t * t));
-            let id = seed::mix(seed::mix(0xF1A6 + u64::from(stem.slot)) ^ u64::from(brush + 1));
+            let line = Arch {
+                foot: stem.line.point_on(STEM_SEGMENTS, t),
+                azimuth,
+                length: own,
+                path: [start, end],
+            };
+            let width = 0.1 * own;
+            let nodes =
+                line.part(0.0, 1.0, 3, |t| 0.5 * width * (0.3 + 2.5 * t).min(1.0) * (1.0 - t * t));
+            let id = axis_id(axis_id(0, "stem", stem.slot), "brush", brush);
             let axis = Axis::new(id, AxisKind::Blade, colors.head).on(stem.axis, t, 1);
             // Turned edgewise by chance, so that the plume is no fan.
             let face = direction(stream.range(0.0, std::f64::consts::TAU) as f32, 1.2);
@@ -231,7 +241,7 @@ impl Reed {
         let thick = 0.5 * self.head_width * ripe;
         let swelling = |t: f32| thick * (4.0 * t.min(1.0 - t) + 0.25).min(1.0);
         let nodes = stem.line.part(from, to, 6, swelling);
-        let id = seed::mix(0xCA77 + u64::from(stem.slot));
+        let id = axis_id(axis_id(0, "stem", stem.slot), "cattail", 0);
         let axis = Axis::new(id, AxisKind::Stem, colors.head).on(stem.axis, from, 1);
         skeleton.push(axis.facing(Vec3::X), nodes);
     }

@@ -5,7 +5,7 @@
 
 use glam::{Quat, Vec3};
 use std::ops::Range;
-use weald_contract::{Material, Mesh};
+use weald_contract::{Material, Mesh, Seed};
 
 /// Axes, nodes and organs of one plant, in metres, Z up, the foot at the origin.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -54,6 +54,15 @@ pub struct Axis {
     pub lobes: (u32, f32),
     /// Index into [`Skeleton::materials`].
     pub material: u32,
+}
+
+/// Id of an axis from that of its parent, what it is, and its slot among those of its kind.
+///
+/// Axes from the ground have the parent 0.
+pub fn axis_id(parent: u64, kind: &str, slot: u32) -> u64 {
+    // A named stream mixes the three without symmetries: a plain exclusive or would give child
+    // 2 of child 1 the id of child 1 of child 2.
+    Seed(parent).stream(kind, u64::from(slot)).next_u64()
 }
 
 /// A point of an axis.
@@ -246,10 +255,7 @@ mod tests {
     #[test]
     fn a_branch_that_floats_beside_its_parent_breaks_the_contract() {
         let mut good = stem();
-        good.push(
-            Axis::new(2, AxisKind::Stem, 0).on(0, 0.5, 1),
-            [node(0.0, 0.5), node(1.0, 1.0)],
-        );
+        good.push(Axis::new(2, AxisKind::Stem, 0).on(0, 0.5, 1), [node(0.0, 0.5), node(1.0, 1.0)]);
         assert_eq!(good.check(), Ok(()));
         let mut bad = stem();
         bad.push(Axis::new(2, AxisKind::Stem, 0).on(0, 0.5, 1), [node(0.1, 0.5), node(1.0, 1.0)]);

@@ -17,10 +17,10 @@ pub mod formula;
 mod stem;
 mod tree;
 
+use crate::Stature;
 use crate::material::LeafColor;
 use crate::organ::LeafShape;
 use crate::skeleton::Skeleton;
-use crate::Stature;
 use weald_contract::{Problem, Problems, Seed, Written, table};
 
 table! {
@@ -173,7 +173,8 @@ impl WeberPenn {
 
     /// Upper bound of stems and leaves without splits.
     fn most_parts(&self) -> f64 {
-        let branches = self.level.value.iter().skip(1).map(|level| f64::from(level.branches.max(1)));
+        let branches =
+            self.level.value.iter().skip(1).map(|level| f64::from(level.branches.max(1)));
         let leaves = f64::from(self.leaf.count.unsigned_abs().max(1));
         f64::from(self.trunks) * branches.product::<f64>() * leaves
     }

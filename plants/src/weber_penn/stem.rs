@@ -2,9 +2,9 @@
 
 use super::{Level, WeberPenn, formula};
 use crate::frame::{rot_x, rot_z};
-use crate::skeleton::Node;
+use crate::skeleton::{Node, axis_id};
 use glam::{Quat, Vec3};
-use weald_contract::{Seed, Stream, seed};
+use weald_contract::{Seed, Stream};
 
 /// Everything that is settled before a stem grows.
 #[derive(Clone, Copy, Debug)]
@@ -63,7 +63,8 @@ pub(super) fn pieces(form: &WeberPenn, level: &Level, bud: &Bud, root: Seed) -> 
     let mut pieces = Vec::new();
     while pieces.len() < starts.len() {
         let index = pieces.len();
-        let grower = PieceGrower { form, level, bud, stream: root.stream("stem", starts[index].id) };
+        let grower =
+            PieceGrower { form, level, bud, stream: root.stream("stem", starts[index].id) };
         let piece = grower.grow(index, &mut starts);
         pieces.push(piece);
     }
@@ -112,7 +113,8 @@ impl PieceGrower<'_> {
             let splits = if left > 0 { self.splits(segment, &mut owed) } else { 0 };
             let room = MOST_PIECES.saturating_sub(starts.len()) as u32;
             if splits.min(room) > 0 {
-                let fork = Start { id, from: Some(index), first: segment + 1, point, frame, correction };
+                let fork =
+                    Start { id, from: Some(index), first: segment + 1, point, frame, correction };
                 let angle = self.fork(&fork, splits.min(room), left, starts);
                 frame *= rot_x(angle);
                 correction -= angle / left as f32;
@@ -146,7 +148,7 @@ impl PieceGrower<'_> {
             } else {
                 rot_z(self.spread(declination)) * at.frame * rot_x(angle)
             };
-            let id = seed::mix(at.id ^ seed::mix(0xC10E + u64::from(at.first) * 64 + u64::from(clone)));
+            let id = axis_id(at.id, "clone", at.first * 64 + clone);
             let correction = at.correction - angle / left as f32;
             starts.push(Start { id, frame, correction, ..*at });
         }
@@ -243,7 +245,9 @@ impl Piece {
         let a = if i > 0 { self.points[i - 1] } else { 2.0 * b - c };
         let d = self.points.get(i + 2).copied().unwrap_or(2.0 * c - b);
         let (u2, u3) = (u * u, u * u * u);
-        0.5 * (2.0 * b + (c - a) * u + (2.0 * a - 5.0 * b + 4.0 * c - d) * u2
+        0.5 * (2.0 * b
+            + (c - a) * u
+            + (2.0 * a - 5.0 * b + 4.0 * c - d) * u2
             + (3.0 * b - a - 3.0 * c + d) * u3)
     }
 

@@ -3,11 +3,11 @@
 use super::stem::{Bud, Piece, pieces, radius_at};
 use super::{Level, WeberPenn, formula};
 use crate::Stature;
-use crate::frame::{direction, frame_of, organ_rotation, rot_x, rot_z, turn_towards};
+use crate::frame::{any_normal, direction, rot_x, rot_z};
 use crate::material::opaque;
 use crate::organ;
 use crate::presence::{filling, presence};
-use crate::skeleton::{Axis, AxisKind, PlacedOrgan, Skeleton};
+use crate::skeleton::{Axis, AxisKind, PlacedOrgan, Skeleton, axis_id};
 use glam::{Quat, Vec3};
 use weald_contract::{Seed, seed};
 
@@ -15,11 +15,15 @@ use weald_contract::{Seed, seed};
 /// [Morales24].
 const TWIG_RADIUS: f32 = 0.0008;
 
+/// Scars on the bare trunk of a mature tree: about as many as branches on the same length of
+/// crown.
+const SHED_BRANCHES: u32 = 26;
+
 /// Fewest and most a branch is stretched to meet the crown radius asked for.
 const FIT: (f32, f32) = (0.15, 5.0);
 
 /// Fewest and most the finished crown is stretched sideways to meet the rest.
-const STRETCH: (f32, f32) = (0.7, 1.4);
+const STRETCH: (f32, f32) = (0.5, 1.6);
 
 /// Part of the crown radius that the first level of branches reaches; twigs and leaves do the
 /// rest.
@@ -83,8 +87,7 @@ struct Tree<'a> {
 
 impl<'a> Tree<'a> {
     fn new(form: &'a WeberPenn, stature: &'a Stature, seed: Seed, fit: f32) -> Self {
-        let filled =
-            filling(stature.maturity, stature.vigor, form.filling_exponent, form.starved);
+        let filled = filling(stature.maturity, stature.vigor, form.filling_exponent, form.starved);
         let skeleton = Skeleton::default();
         let mut tree = Self { form, stature, seed, fit, skeleton, scar: None, filled };
         tree.dress();
@@ -133,13 +136,14 @@ impl<'a> Tree<'a> {
     fn trunks(&self) -> Vec<Bud> {
         let form = self.form;
         let trunk = |index: u32| {
-            let id = seed::mix(u64::from(index) + 1);
+            let id = axis_id(0, "trunk", index);
             let mut stream = self.seed.stream("trunk", u64::from(index));
             let yaw = stream.range(0.0, std::f64::consts::TAU) as f32;
             // The first trunk is always there.
             let presence = if index == 0 { 1.0 } else { presence(index, form.trunks, self.filled) };
             let level = form.level.value.first()?;
-            let length = stream.around(f64::from(level.length[0]), f64::from(level.length[1])) as f32;
+            let length =
+                stream.around(f64::from(level.length[0]), f64::from(level.length[1])) as f32;
             let length = (length * self.stature.height * presence).max(1e-4);
             let mut frame = rot_z(yaw);
             let mut position = Vec3::ZERO;
@@ -148,12 +152,26 @@ impl<'a> Tree<'a> {
                 let lean = stream.around(f64::from(lean[0]), f64::from(lean[1])) as f32;
                 frame *= rot_x(lean.to_radians());
                 let foot = 1.5 * self.stature.stem_radius * (form.trunks as f32).sqrt();
-                position = direction(yaw - std::f32::consts::FRAC_PI_2, 1.570_796_4) * foot
+                position = direction(yaw - std::f32::consts::FRAC_PI_2, 1.570_796_4)
+                    * foot
                     * stream.unit() as f32;
             }
-            let radius = form.ratio.map_or(self.stature.stem_radius, |ratio| ratio * length);
+            // Several trunks share the section of one.
+            let shared = self.stature.stem_radius / (form.trunks as f32).sqrt();
+            let radius = form.ratio.map_or(shared, |ratio| ratio * length);
             let (parent, offset, relative) = (None, 1.0, 1.0);
-            let bud = Bud { id, level: 0, parent, position, frame, length, radius, offset, relative, presence };
+            let bud = Bud {
+                id,
+                level: 0,
+                parent,
+                position,
+                frame,
+                length,
+                radius,
+                offset,
+                relative,
+                presence,
+            };
             (presence > 0.0).then_some(bud)
         };
         (0..form.trunks).filter_map(trunk).collect()
@@ -165,7 +183,8 @@ impl<'a> Tree<'a> {
         let material = bud.level.min(self.form.bark.len().saturating_sub(1)) as u32;
         let mut indices: Vec<u32> = Vec::with_capacity(grown.len());
         for piece in &grown {
-            let mut axis = Axis::new(piece.id, AxisKind::Stem, material).facing(bud.frame * Vec3::X);
+            let mut axis =
+                Axis::new(piece.id, AxisKind::Stem, material).facing(bud.frame * Vec3::X);
             let parent = match piece.from {
                 Some(from) => {
                     let z = piece.first as f32 / level.curve_res as f32;
@@ -194,18 +213,20 @@ impl<'a> Tree<'a> {
         if self.is_inside(prune, &free) {
             return Some((bud, free));
         }
-        // A ninth less each time; twelve steps leave a quarter of the length.
-        let mut short = bud;
-        for _ in 0..12 {
-            short.length *= 0.89;
-            if self.is_inside(prune, &grow(&short)) {
-                break;
+        // The longest length that fits, by halving; the last step is a sixty-fourth.
+        let (mut fits, mut protrudes) = (0.0, bud.length);
+        for _ in 0..6 {
+            let length = 0.5 * (fits + protrudes);
+            if self.is_inside(prune, &grow(&Bud { length, ..bud })) {
+                fits = length;
+            } else {
+                protrudes = length;
             }
         }
-        let kept = if self.is_inside(prune, &grow(&short)) { short.length } else { 0.0 };
-        short.length = bud.length + (kept - bud.length) * prune.ratio;
-        // A stub of a twentieth is not worth growing.
-        (short.length > 0.05 * bud.length).then(|| (short, grow(&short)))
+        let length = bud.length + (fits - bud.length) * prune.ratio;
+        let short = Bud { length, ..bud };
+        // A stub of a fiftieth is not worth growing.
+        (length > 0.02 * bud.length).then(|| (short, grow(&short)))
     }
 
     fn is_inside(&self, prune: &super::Prune, pieces: &[Piece]) -> bool {
@@ -228,6 +249,9 @@ impl<'a> Tree<'a> {
             _ => formula::third_level_count(above.branches, bud.offset),
         };
         let bare = if bud.level == 0 { self.form.base_size } else { level.bare };
+        if bud.level == 0 {
+            self.shed(stem, level);
+        }
         let mut stream = self.seed.stream("branches", bud.id);
         let phase = if above.rotate_deg[0] < 0.0 { 0.0 } else { stream.range(0.0, 360.0) as f32 };
         for slot in 0..count {
@@ -239,7 +263,8 @@ impl<'a> Tree<'a> {
             }
             let z = bare + (1.0 - bare) * (slot as f32 + 0.5) / count as f32;
             let place = self.place(stem, level, slot, z);
-            let down = formula::down_angle(above.down_angle_deg, (1.0 - z) / (1.0 - bare), chances[0]);
+            let down =
+                formula::down_angle(above.down_angle_deg, (1.0 - z) / (1.0 - bare), chances[0]);
             let spin = phase + formula::rotation(above.rotate_deg, slot, chances[1]);
             let frame = place.frame * rot_z(spin.to_radians()) * rot_x(down.to_radians());
             let longest = above.length[0] + above.length[1] * chances[2];
@@ -247,10 +272,10 @@ impl<'a> Tree<'a> {
             let length = (length * present).max(1e-4);
             let radius = self.child_radius(bud, length, radius_at(self.form, level, bud, z));
             if bud.level == 0 {
-                self.scar(&place, frame, radius_at(self.form, level, bud, z));
+                self.scar(&place, frame * Vec3::Z, radius_at(self.form, level, bud, z));
             }
             buds.push(Bud {
-                id: seed::mix(bud.id ^ seed::mix(u64::from(slot) + 1)),
+                id: axis_id(bud.id, "branch", slot),
                 level: bud.level + 1,
                 parent: Some((place.axis, place.at)),
                 position: place.position,
@@ -297,15 +322,31 @@ impl<'a> Tree<'a> {
         }
     }
 
-    /// Leaves a scar on the trunk below a branch.
-    fn scar(&mut self, place: &Place, branch: Quat, trunk_radius: f32) {
+    /// Scars the bare part of a trunk where branches have been shed.
+    fn shed(&mut self, stem: &Stem, level: &Level) {
+        if self.scar.is_none() {
+            return;
+        }
+        let mut stream = self.seed.stream("scars", stem.bud.id);
+        for slot in 0..SHED_BRANCHES {
+            let z = self.form.base_size * stream.range(0.06, 1.0) as f32;
+            let azimuth = stream.range(0.0, std::f64::consts::TAU) as f32;
+            if presence(slot, SHED_BRANCHES, self.stature.maturity) > 0.0 {
+                let place = self.place(stem, level, slot, z);
+                let radius = radius_at(self.form, level, &stem.bud, z);
+                self.scar(&place, direction(azimuth, std::f32::consts::FRAC_PI_2), radius);
+            }
+        }
+    }
+
+    /// Leaves a scar on the trunk below a branch that grows, or grew, towards `towards`.
+    fn scar(&mut self, place: &Place, towards: Vec3, trunk_radius: f32) {
         // Thinner stems still have smooth bark.
         if trunk_radius < 0.012 {
             return;
         }
         let Some(prototype) = self.scar else { return };
         let up = place.frame * Vec3::Z;
-        let towards = branch * Vec3::Z;
         let Some(out) = (towards - up * towards.dot(up)).try_normalize() else { return };
         let frame = Quat::from_mat3(&glam::Mat3::from_cols(up.cross(out), up, out));
         self.skeleton.organs.push(PlacedOrgan {
@@ -338,45 +379,50 @@ impl<'a> Tree<'a> {
             let is_fan = leaf.count < 0;
             let z = if is_fan { 1.0 } else { level.bare + (1.0 - level.bare) * part };
             let place = self.place(stem, level, slot, z);
-            let turn = if is_fan {
-                rot_z((phase + 90.0).to_radians())
-                    * rot_x((leaf.rotate_deg[0] * (part - 0.5)).to_radians())
+            let (spin, down) = if is_fan {
+                (phase + 90.0, leaf.rotate_deg[0] * (part - 0.5))
             } else {
                 let spin = phase + formula::rotation(leaf.rotate_deg, slot, chances[0]);
-                let down = formula::down_angle(leaf.down_angle_deg, 1.0 - z, chances[1]);
-                rot_z(spin.to_radians()) * rot_x(down.to_radians())
+                (spin, formula::down_angle(leaf.down_angle_deg, 1.0 - z, chances[1]))
             };
+            let (heading, upper) = leaf_directions(spin.to_radians(), down.to_radians());
+            let (heading, upper) = (place.frame * heading, place.frame * upper);
             let length = size * present * (1.0 + leaf.scale_v * chances[2]);
-            let position = place.position + place.frame * turn * Vec3::Z * (leaf.stalk * length);
-            let frame = self.pose(place.frame * turn, position);
+            let position = place.position + heading * (leaf.stalk * length);
             let hue = ((0.5 + 0.5 * chances[3]) * leaf.hues as f32) as u32;
             self.skeleton.organs.push(PlacedOrgan {
                 prototype: hue.min(leaf.hues - 1),
                 axis: place.axis,
                 position,
-                rotation: organ_rotation(frame),
+                rotation: self.pose(heading, upper, position),
                 scale: Vec3::new(length * leaf.scale_x, length, length),
             });
         }
     }
 
     /// Lets a leaf hang and turn its face to the light, which comes from above and outside.
-    fn pose(&self, frame: Quat, position: Vec3) -> Quat {
+    fn pose(&self, heading: Vec3, upper: Vec3, position: Vec3) -> Quat {
         let leaf = &self.form.leaf;
-        let mut frame = frame;
-        if leaf.droop > 0.0 {
-            frame = turn_towards(frame * Vec3::Z, -Vec3::Z, leaf.droop) * frame;
-        }
-        if leaf.bend > 0.0 {
-            let outside = position.with_z(0.0).normalize_or_zero();
-            let light = (Vec3::Z + 0.5 * outside).normalize();
-            // The face turns about the leaf's own length, as a blade does on its stalk.
-            let heading = frame * Vec3::Z;
-            let wanted = frame_of(heading, light) * Vec3::Y;
-            frame = turn_towards(frame * Vec3::Y, wanted, leaf.bend) * frame;
-        }
-        frame.normalize()
+        let hanging = heading + (-Vec3::Z - heading) * leaf.droop;
+        let heading = hanging.try_normalize().unwrap_or(heading);
+        // The face turns about the leaf's own length, as a blade does on its stalk.
+        let across = |v: Vec3| v - heading * v.dot(heading);
+        let light = across(Vec3::Z + 0.5 * position.with_z(0.0).normalize_or_zero());
+        let upper = across(upper);
+        let turned =
+            upper.normalize_or_zero() * (1.0 - leaf.bend) + light.normalize_or_zero() * leaf.bend;
+        let upper = turned.try_normalize().unwrap_or_else(|| any_normal(heading));
+        Quat::from_mat3(&glam::Mat3::from_cols(heading.cross(upper), heading, upper))
     }
+}
+
+/// Heading and upper side of a leaf in its stem's frame: `spin` about the stem, then `down` from
+/// it, the upper side towards the stem's tip.
+fn leaf_directions(spin: f32, down: f32) -> (Vec3, Vec3) {
+    let (sin_s, cos_s) = libm::sincosf(spin);
+    let (sin_d, cos_d) = libm::sincosf(down);
+    let out = Vec3::new(sin_s, -cos_s, 0.0);
+    (out * sin_d + Vec3::Z * cos_d, Vec3::Z * sin_d - out * cos_d)
 }
 
 /// A place on an axis.

@@ -83,27 +83,43 @@ impl Codebook {
     fn of_labels(table: &Table, order: &[u32], mut labels: Vec<u32>) -> Self {
         let used = number_from_zero(&mut labels);
         let columns = table.columns();
-        // Weighted sums, weight, plain sums, count: the latter two for clusters without weight.
-        let mut sums = vec![0.0; used * columns];
-        let mut weights = vec![0.0; used];
-        let mut plain = vec![0.0; used * columns];
-        let mut counts = vec![0.0; used];
-        for row in order.iter().map(|row| *row as usize) {
-            let (label, weight) = (labels[row] as usize, table.weights()[row]);
-            weights[label] += weight;
-            counts[label] += 1.0;
-            for (column, value) in table.row(row).iter().enumerate() {
-                sums[label * columns + column] += weight * value;
-                plain[label * columns + column] += value;
+        let (sums, weights) = weigh(table, order, &labels, used, |row| table.weights()[row]);
+        let mut centres = divide(&sums, &weights, columns);
+        if weights.contains(&0.0) {
+            let (sums, counts) = weigh(table, order, &labels, used, |_| 1.0);
+            let plain = divide(&sums, &counts, columns);
+            for (at, centre) in centres.iter_mut().enumerate() {
+                if weights[at / columns] == 0.0 {
+                    *centre = plain[at];
+                }
             }
         }
-        let centre = |at: usize| match weights[at / columns] {
-            weight if weight > 0.0 => sums[at] / weight,
-            _ => plain[at] / counts[at / columns],
-        };
-        let centres = (0..used * columns).map(centre).collect();
         Self { columns, centres, labels }
     }
+}
+
+/// Weighted sums of the rows of each cluster, and the clusters' weights.
+fn weigh(
+    table: &Table,
+    order: &[u32],
+    labels: &[u32],
+    clusters: usize,
+    weight: impl Fn(usize) -> f64,
+) -> (Vec<f64>, Vec<f64>) {
+    let columns = table.columns();
+    let mut sums = vec![0.0; clusters * columns];
+    let mut weights = vec![0.0; clusters];
+    for row in order.iter().map(|row| *row as usize) {
+        let (label, weight) = (labels[row] as usize, weight(row));
+        weights[label] += weight;
+        let sums = &mut sums[label * columns..][..columns];
+        sums.iter_mut().zip(table.row(row)).for_each(|(sum, value)| *sum += weight * value);
+    }
+    (sums, weights)
+}
+
+fn divide(sums: &[f64], weights: &[f64], columns: usize) -> Vec<f64> {
+    sums.iter().enumerate().map(|(at, sum)| sum / weights[at / columns]).collect()
 }
 
 /// Numbers the labels in use from 0, keeping their order, and returns how many they are.

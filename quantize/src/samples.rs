@@ -34,21 +34,18 @@ impl Samples {
     pub fn of(table: &Table) -> Self {
         let (columns, half_range) = varying_columns(table);
         let order = canonical_order(table, columns.first(), half_range);
-        let scaled = |row: &u32| {
+        let dims = columns.len();
+        let mut rows = vec![0.0; order.len() * dims];
+        let place = |(values, row): (&mut [f32], &u32)| {
             let row = table.row(*row as usize);
-            columns
-                .iter()
-                .map(|column| scale(row[column.index], column.middle, half_range))
-                .collect()
+            for (value, column) in values.iter_mut().zip(&columns) {
+                *value = scale(row[column.index], column.middle, half_range);
+            }
         };
-        let rows: Vec<Vec<f32>> = if columns.is_empty() {
-            vec![]
-        } else {
-            order
-                .par_chunks(CHUNK)
-                .map(|part| part.iter().flat_map::<Vec<f32>, _>(scaled).collect())
-                .collect()
-        };
+        if dims > 0 {
+            let chunks = rows.par_chunks_mut(CHUNK * dims).zip(order.par_chunks(CHUNK));
+            chunks.for_each(|(rows, order)| rows.chunks_exact_mut(dims).zip(order).for_each(place));
+        }
         let largest = table.weights().iter().copied().fold(0.0, f64::max);
         let relative = |row: &u32| match largest {
             0.0 => 1.0,
@@ -56,7 +53,7 @@ impl Samples {
         };
         let weights = order.iter().map(relative).collect();
         let unit = half_range * half_range * if largest > 0.0 { largest } else { 1.0 };
-        Self { rows: rows.concat(), dims: columns.len(), order, weights, unit }
+        Self { rows, dims, order, weights, unit }
     }
 
     /// Number of samples.
@@ -73,10 +70,54 @@ impl Samples {
 /// Rows handled by one task: enough to outweigh the task, few enough to share out.
 pub(crate) const CHUNK: usize = 8192;
 
-/// Sorts as the number does, with -0 equal to 0 (callers add 0 first).
-pub(crate) fn sortable(value: f32) -> u32 {
+/// Bits that sort as the number does, with -0 before 0 (callers have no -0).
+fn sortable(value: f32) -> u32 {
     let bits = value.to_bits();
     if bits >> 31 == 1 { !bits } else { bits | 1 << 31 }
+}
+
+/// A number and the sample it belongs to, as bits that sort by both.
+pub(crate) fn key(value: f32, sample: u32) -> u64 {
+    u64::from(sortable(value)) << 32 | u64::from(sample)
+}
+
+/// The number and the sample of a [`key`].
+pub(crate) fn of_key(key: u64) -> (f32, u32) {
+    let bits = (key >> 32) as u32;
+    let bits = if bits >> 31 == 1 { bits & !(1 << 31) } else { !bits };
+    (f32::from_bits(bits), key as u32)
+}
+
+/// Bits of a key that one pass of [`sort_keys`] looks at: three passes cover the number, and
+/// the counts of a pass fit into the first-level cache.
+const DIGIT_BITS: u32 = 11;
+
+/// Sorts keys whose samples rise.
+///
+/// Radix sort from the lowest digit of the number up; it is stable, so samples of equal numbers
+/// keep rising.
+pub(crate) fn sort_keys(mut keys: Vec<u64>) -> Vec<u64> {
+    if keys.len() < 1 << DIGIT_BITS {
+        keys.sort_unstable();
+        return keys;
+    }
+    let mut sorted = vec![0; keys.len()];
+    for shift in (32..64).step_by(DIGIT_BITS as usize) {
+        let digit = |key: u64| (key >> shift) as usize & ((1 << DIGIT_BITS) - 1);
+        let mut next = vec![0usize; 1 << DIGIT_BITS];
+        keys.iter().for_each(|key| next[digit(*key)] += 1);
+        let mut start = 0;
+        for place in &mut next {
+            start += std::mem::replace(place, start);
+        }
+        for key in &keys {
+            let place = &mut next[digit(*key)];
+            sorted[*place] = *key;
+            *place += 1;
+        }
+        std::mem::swap(&mut keys, &mut sorted);
+    }
+    keys
 }
 
 fn scale(value: f64, middle: f64, half_range: f64) -> f32 {
@@ -106,13 +147,12 @@ fn varying_columns(table: &Table) -> (Vec<Column>, f64) {
 
 /// Row numbers, sorted by the rows' numbers and then their weight.
 fn canonical_order(table: &Table, first: Option<&Column>, half_range: f64) -> Vec<u32> {
-    let key = |row: usize| {
+    let key_of = |row: usize| {
         let value = first
             .map_or(0.0, |column| scale(table.row(row)[column.index], column.middle, half_range));
-        u64::from(sortable(value)) << 32 | row as u64
+        key(value, row as u32)
     };
-    let mut keys: Vec<u64> = (0..table.len()).into_par_iter().map(key).collect();
-    keys.par_sort_unstable();
+    let mut keys = sort_keys((0..table.len()).map(key_of).collect());
     for run in keys.chunk_by_mut(|a, b| a >> 32 == b >> 32).filter(|run| run.len() > 1) {
         run.sort_by(|a, b| compare(table, *a as u32, *b as u32));
     }
@@ -135,6 +175,21 @@ mod tests {
     fn sortable_bits_order_as_numbers_do() {
         let numbers = [f32::NEG_INFINITY, -2.0, -1e-30, 0.0, 1e-30, 0.5, 3.0, f32::INFINITY];
         assert!(numbers.windows(2).all(|pair| sortable(pair[0]) < sortable(pair[1])));
+    }
+
+    #[test]
+    fn keys_sort_by_number_and_then_by_sample() {
+        let mut random = weald_contract::Seed(2).stream("keys", 0);
+        for n in [10, 5000] {
+            // Few distinct numbers, so that many are equal.
+            let keys: Vec<u64> =
+                (0..n).map(|sample| key(random.below(50) as f32 - 25.0, sample)).collect();
+            let mut expected = keys.clone();
+            expected.sort_unstable();
+            assert!(keys.iter().enumerate().all(|(i, key)| of_key(*key).1 == i as u32));
+            assert_eq!(sort_keys(keys), expected);
+        }
+        assert_eq!(of_key(key(-0.75, 9)), (-0.75, 9));
     }
 
     #[test]

@@ -9,7 +9,7 @@
 //! [Shafer96], so every list of every cluster stays sorted, and a cut is found by one pass of
 //! prefix sums: O(n d log n) once and O(n d) for each level of the tree.
 
-use crate::samples::{Samples, sortable};
+use crate::samples::{Samples, key, of_key, sort_keys};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -98,16 +98,12 @@ impl Axis {
     }
 }
 
+/// Entries of some samples, given by rising number, sorted along one axis.
 fn sorted_entries(samples: &Samples, dim: usize, members: impl Iterator<Item = u32>) -> Vec<Entry> {
-    let key = |sample: u32| {
-        let value = samples.rows[sample as usize * samples.dims + dim];
-        u64::from(sortable(value)) << 32 | u64::from(sample)
-    };
-    let mut keys: Vec<u64> = members.map(key).collect();
-    keys.sort_unstable();
+    let value = |sample: u32| samples.rows[sample as usize * samples.dims + dim];
+    let keys = sort_keys(members.map(|sample| key(value(sample), sample)).collect());
     let entry = |key: u64| {
-        let sample = key as u32;
-        let value = samples.rows[sample as usize * samples.dims + dim];
+        let (value, sample) = of_key(key);
         Entry { value, weight: samples.weights[sample as usize], sample }
     };
     keys.into_iter().map(entry).collect()

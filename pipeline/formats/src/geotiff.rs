@@ -407,16 +407,23 @@ fn metadata_xml(band: &BandRef<'_>, provenance: &Provenance) -> String {
     format!("<GDALMetadata>\n{}</GDALMetadata>\n", lines.concat())
 }
 
+/// Escapes twice: GDAL takes an item's text for escaped even after its XML parser has undone one
+/// layer, and writes its own files so; text escaped once would end at its first `&`.
 fn escape(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
+    let once = |text: &str| text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+    once(&once(text))
 }
 
+/// The inverse of [`escape`], which also reads quotes that others escape.
 fn unescape(text: &str) -> String {
-    text.replace("&lt;", "<")
-        .replace("&gt;", ">")
-        .replace("&quot;", "\"")
-        .replace("&apos;", "'")
-        .replace("&amp;", "&")
+    let once = |text: &str| {
+        text.replace("&lt;", "<")
+            .replace("&gt;", ">")
+            .replace("&quot;", "\"")
+            .replace("&apos;", "'")
+            .replace("&amp;", "&")
+    };
+    once(&once(text))
 }
 
 /// Name and text of the items of GDAL's metadata.
@@ -433,7 +440,7 @@ fn metadata_items(file: &GeoTiffFile) -> Vec<(String, String)> {
         let (_, name) = opening.split_once("name=\"")?;
         let (name, _) = name.split_once('"')?;
         let (text, _) = rest.split_once("</Item>")?;
-        Some((unescape(name), unescape(text)))
+        Some((name.to_string(), unescape(text)))
     };
     xml.split("<Item ").skip(1).filter_map(item).collect()
 }

@@ -32,7 +32,7 @@ pub use instances::{check_instances, read_instances, write_instances};
 pub use palette::{parse_palette, read_palette, write_palette};
 pub use picture::{read_picture, write_picture};
 pub use plant::{flatten, read_plant, write_plant};
-pub use png::{Preview, read_png, write_png};
+pub use png::{Preview, read_png, write_gray_png, write_png};
 pub use population::{read_population, write_population};
 pub use provenance::{Parent, Provenance, hash_file, provenance};
 pub use table::{Column, Table, read_table, write_table};

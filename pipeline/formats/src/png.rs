@@ -4,7 +4,7 @@ use crate::bytes::{MAX_FILE_BYTES, read_bounded};
 use crate::error::{Error, Result};
 use crate::provenance::Provenance;
 use crate::whole::write_atomically;
-use image::{DynamicImage, ImageFormat, ImageReader, Limits};
+use image::{DynamicImage, ExtendedColorType, ImageFormat, ImageReader, Limits};
 use std::io::{Cursor, Write};
 use std::path::Path;
 use weald_contract::Image;
@@ -46,11 +46,42 @@ pub fn write_png(
         let message = format!("{} bytes for {width} x {height} pixels", rgb.len());
         return Err(Error::invalid(path, message, "give three bytes a pixel"));
     };
+    write(path, rgb, [columns, rows], ExtendedColorType::Rgb8, provenance)
+}
+
+/// Writes one band of 16-bit codes, such as a density layer to paint on.
+///
+/// # Errors
+/// When `codes` has not one code a pixel, or the disk refuses.
+pub fn write_gray_png(
+    path: &Path,
+    width: usize,
+    height: usize,
+    codes: &[u16],
+    provenance: &Provenance,
+) -> Result<()> {
+    let size = (u32::try_from(width), u32::try_from(height));
+    let fits = width.checked_mul(height) == Some(codes.len());
+    let (Ok(columns), Ok(rows), true) = (size.0, size.1, fits) else {
+        let message = format!("{} codes for {width} x {height} pixels", codes.len());
+        return Err(Error::invalid(path, message, "give one code a pixel"));
+    };
+    // The encoder takes the machine's own byte order and writes PNG's.
+    let bytes: Vec<u8> = codes.iter().flat_map(|code| code.to_ne_bytes()).collect();
+    write(path, &bytes, [columns, rows], ExtendedColorType::L16, provenance)
+}
+
+fn write(
+    path: &Path,
+    pixels: &[u8],
+    [columns, rows]: [u32; 2],
+    color: ExtendedColorType,
+    provenance: &Provenance,
+) -> Result<()> {
     write_atomically(path, |file| {
         let mut bytes = Vec::new();
         let encoder = image::codecs::png::PngEncoder::new(&mut bytes);
-        let color = image::ExtendedColorType::Rgb8;
-        image::ImageEncoder::write_image(encoder, rgb, columns, rows, color)?;
+        image::ImageEncoder::write_image(encoder, pixels, columns, rows, color)?;
         let (head, tail) = bytes.split_at_checked(HEAD_BYTES).unwrap_or((&bytes, &[]));
         file.write_all(head)?;
         file.write_all(&text_chunk(&provenance.to_json()))?;
@@ -183,6 +214,16 @@ mod tests {
         write_png(&path, 5, 3, &rgb, &story()).unwrap();
         assert_eq!(read_png(&path).unwrap(), Preview { width: 5, height: 3, rgb });
         assert_eq!(provenance(&path).unwrap(), Some(story()));
+    }
+
+    #[test]
+    fn a_density_layer_comes_back_code_for_code() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("density.png");
+        write_gray_png(&path, 2, 2, &[0, 1, 256, 65535], &story()).unwrap();
+        let codes = read_image(&path).unwrap().values.into_iter().map(|value| value * 65535.0);
+        assert_eq!(codes.collect::<Vec<_>>(), [0.0, 1.0, 256.0, 65535.0]);
+        assert!(write_gray_png(&path, 2, 2, &[0], &story()).is_err());
     }
 
     #[test]

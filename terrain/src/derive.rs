@@ -30,7 +30,8 @@ impl Gradient {
         }
         let degrees = libm::atan2(-self.east, -self.north).to_degrees() as f32;
         // The smallest negative angles round to 360 in single precision.
-        let turned = if degrees < 0.0 { degrees + 360.0 } else { degrees };
+        // Adding 0 turns -0 into 0.
+        let turned = if degrees < 0.0 { degrees + 360.0 } else { degrees + 0.0 };
         if turned >= 360.0 { 0.0 } else { turned }
     }
 }

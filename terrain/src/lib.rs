@@ -12,6 +12,7 @@ mod config;
 pub mod derive;
 mod detail;
 pub mod flow;
+pub mod hollow;
 mod import;
 mod lattice;
 mod mask;

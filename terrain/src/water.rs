@@ -3,6 +3,7 @@
 use crate::config::{Config, Water};
 use crate::derive;
 use crate::flow::{self, Flood};
+use crate::hollow::rising;
 use crate::import::Ground;
 use crate::lattice::Lattice;
 use crate::nearest::{NONE, nearest_marked};
@@ -37,7 +38,8 @@ pub(crate) fn settle(
 ) -> Result<Hydrology, Error> {
     let Lattice { width, height, cell, .. } = shaped.lattice;
     progress.begin("water", 3, "steps");
-    let flood = flow::fill(width, height, &shaped.altitude);
+    let mut flood = flow::fill(width, height, &shaped.altitude);
+    flow::drain_through_floors(width, &shaped.altitude, &mut flood);
     let directions = flow::directions(width, height, &flood);
     let cells = flow::accumulate(width, &directions, vec![1.0; directions.len()]);
     let upslope_area = cells.iter().map(|cells| (cells * cell * cell) as f32).collect();
@@ -45,10 +47,12 @@ pub(crate) fn settle(
     check_cancelled(progress)?;
 
     let mut level = stream_levels(shaped);
+    let mut is_lake = vec![false; level.len()];
     for lake in &shaped.lakes {
-        fill_lake(lake, &shaped.lattice, &shaped.altitude, &flood, &mut level)?;
+        let cells = fill_lake(lake, &shaped.lattice, &shaped.altitude, &flood, &mut level)?;
+        cells.iter().for_each(|&cell| is_lake[cell as usize] = true);
     }
-    let soaked = soak(&config.water, shaped, &flood, &level);
+    let soaked = soak(&config.water, shaped, &is_lake, &level);
     progress.advance(1);
     check_cancelled(progress)?;
 
@@ -63,11 +67,12 @@ pub(crate) fn settle(
     let soil_moisture = wet_shores(&config.water, shaped, &level, moisture);
     progress.advance(1);
     let area = cell * cell;
-    let Balance { rain, absorbed, ponded, outflow } = soaked.balance;
+    let Balance { rain, absorbed, ponded, lakes, outflow } = soaked.balance;
     let balance = Balance {
         rain: rain * area,
         absorbed: absorbed * area,
         ponded: ponded * area,
+        lakes: lakes * area,
         outflow: outflow * area,
     };
     Ok(Hydrology { flood, level, upslope_area, soil_moisture, balance })
@@ -105,38 +110,40 @@ pub(crate) fn channel_levels(
     })
 }
 
-/// Lets water stand in the hollow around a lake's point.
+/// Lets water stand in the hollow around a lake's point; gives the cells under it.
 fn fill_lake(
     lake: &Lake,
     lattice: &Lattice,
     altitude: &[f32],
     flood: &Flood,
     level: &mut [f32],
-) -> Result<(), Problem> {
+) -> Result<Vec<u32>, Problem> {
     let start = lake_cell(lake, lattice, altitude, flood)?;
     let surface = lake.level.value as f32;
-    let mut reached = vec![start];
+    let mut cells = vec![start as u32];
     let mut is_reached = vec![false; altitude.len()];
     is_reached[start] = true;
+    let mut next = 0;
     // No cell of the rim is reached: the lake's level does not spill.
-    while let Some(cell) = reached.pop() {
-        if level[cell] > surface {
+    while let Some(&cell) = cells.get(next) {
+        next += 1;
+        if level[cell as usize] > surface {
             let message = format!(
                 "a lake or stream with its level at {:.2} m already stands in this hollow",
-                level[cell]
+                level[cell as usize]
             );
             return Err(Problem::at(lake.level.span, message).hint("give both the same level"));
         }
-        level[cell] = surface;
+        level[cell as usize] = surface;
         for direction in 0..8 {
-            let beside = flow::neighbor(cell, direction, lattice.width);
+            let beside = flow::neighbor(cell as usize, direction, lattice.width);
             if !is_reached[beside] && altitude[beside] < surface {
                 is_reached[beside] = true;
-                reached.push(beside);
+                cells.push(beside as u32);
             }
         }
     }
-    Ok(())
+    Ok(cells)
 }
 
 /// The cell of a lake's point, if water can stand there up to the lake's level.
@@ -186,25 +193,19 @@ fn lake_cell(
 const BARE_SLOPE_DEG: f32 = 60.0;
 
 /// Runs the rain model over the ground with its open water.
-fn soak(water: &Water, shaped: &Shaped<'_>, flood: &Flood, level: &[f32]) -> rain::Soaked {
+fn soak(water: &Water, shaped: &Shaped<'_>, is_lake: &[bool], level: &[f32]) -> rain::Soaked {
     let Lattice { width, height, cell, .. } = shaped.lattice;
     // Soil thins with slope, and its room for water with it. (Ours.)
-    let capacity = derive::from_gradient(width, height, cell, &shaped.altitude, |_, gradient| {
-        let share = 1.0 - gradient.slope_deg() / BARE_SLOPE_DEG;
-        water.capacity as f32 * share.max(0.0)
-    });
-    let is_water: Vec<bool> = level.iter().map(|level| !level.is_nan()).collect();
+    let capacity =
+        derive::from_gradient(width, height, cell, &shaped.altitude, |index, gradient| {
+            let is_saturated = !level[index].is_nan();
+            let share =
+                if is_saturated { 0.0 } else { 1.0 - gradient.slope_deg() / BARE_SLOPE_DEG };
+            water.capacity as f32 * share.max(0.0)
+        });
     let surface: Vec<f32> =
         shaped.altitude.iter().zip(level).map(|(ground, level)| ground.max(*level)).collect();
-    let catchment = Catchment {
-        width,
-        height,
-        altitude: &shaped.altitude,
-        surface: &surface,
-        flood,
-        is_water: &is_water,
-        capacity: &capacity,
-    };
+    let catchment = Catchment { width, height, surface: &surface, is_lake, capacity: &capacity };
     let shower = Shower {
         rain: water.rain,
         absorbed: water.absorbed,
@@ -257,14 +258,20 @@ pub(crate) fn layers(ground: &Ground, shaped: &Shaped<'_>, water: &Hydrology, cr
     let mut layers = local_layers(ground, &shaped.lattice, &shaped.altitude, &water.level);
     layers.frame = ground.frame;
     layers.crs = crs.clone();
+    // Water that ends in a hollow makes its floor wet, and not the way out over its rim: here the
+    // area is that of shared flow on the ground as it is.
+    let order = rising(&shaped.altitude);
+    let cells = vec![1.0; shaped.altitude.len()];
+    let cells = flow::accumulate_shared(width, &shaped.altitude, &order, cells);
     let wetness =
         derive::from_gradient(width, height, cell, &shaped.altitude, |index, gradient| {
-            derive::wetness(f64::from(water.upslope_area[index]), cell, gradient.tangent())
+            derive::wetness(cells[index] * cell * cell, cell, gradient.tangent())
         });
-    let Balance { rain, absorbed, ponded, outflow } = water.balance;
+    let Balance { rain, absorbed, ponded, lakes, outflow } = water.balance;
     let moisture = format!(
         "Water in the soil over what level soil holds, under open water 1. Of {rain:.1} m3 of \
-         rain {absorbed:.1} were absorbed, {ponded:.1} stayed in hollows, {outflow:.1} ran off"
+         rain {absorbed:.1} were absorbed, {ponded:.1} stayed in hollows, {lakes:.1} ran into lakes, \
+         {outflow:.1} ran off"
     );
     insert_hydrology(&mut layers, "filled", water.flood.level.clone());
     insert_hydrology(&mut layers, "upslope_area", water.upslope_area.clone());
@@ -304,10 +311,13 @@ pub(crate) fn local_layers(
 pub(crate) fn insert_hydrology(layers: &mut Layers, name: &str, values: Vec<f32>) {
     let (unit, definition) = match name {
         "filled" => ("m", "Lowest level from which water can leave the cell: hollows filled"),
-        "upslope_area" => ("m2", "Area that drains through the cell, steepest descent (D8)"),
-        _ => {
-            ("1", "Topographic wetness index ln(a / tan b), a per metre of contour, tan b >= 0.001")
+        "upslope_area" => {
+            ("m2", "Area that drains through the cell by steepest descent (D8), hollows included")
         }
+        _ => (
+            "1",
+            "Topographic wetness index ln(a / tan b): a area above per metre of contour, tan b >= 0.001",
+        ),
     };
     layers.insert(name, unit, definition, values);
 }

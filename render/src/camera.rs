@@ -70,7 +70,7 @@ impl Filter {
     /// Half the width of the window, pixels.
     const RADIUS: f64 = 1.5;
     /// Quantiles kept; between them offsets are interpolated.
-    const STEPS: usize = 256;
+    const STEPS: usize = 1024;
 
     /// The window, integrated.
     pub fn new() -> Self {

@@ -23,7 +23,11 @@ use weald_contract::{Progress, Seed, View, seed::mix};
 const TILE: usize = 16;
 
 /// Scatterings after which a path may end at random.
-const SURE_BOUNCES: u32 = 3;
+const SURE_BOUNCES: u32 = 2;
+
+/// Luminance carried, times this, is the chance to go on: paths that carry a fifth or more are
+/// worth their full price. Leaves absorb so much that higher values buy rays that nobody sees.
+const WORTH: f32 = 5.0;
 
 /// Water surfaces that a path may cross; more are only met between ripples.
 const CROSSINGS: u32 = 8;
@@ -211,7 +215,8 @@ struct Path {
 struct Vertex {
     position: Vec3,
     bsdf: Bsdf,
-    place: Place,
+    species: u32,
+    plant: u64,
 }
 
 impl Tracer<'_> {
@@ -273,7 +278,7 @@ impl Tracer<'_> {
         let position = path.ray.origin + hit.t * path.ray.direction;
         let material = self.material(&place, position);
         let bsdf = Bsdf::new(&material, place.geometric, place.shading, -path.ray.direction);
-        Vertex { position, bsdf, place }
+        Vertex { position, bsdf, species: material.species, plant: place.plant }
     }
 
     /// The material at a place, with its variation from organ to organ and plant to plant.
@@ -302,8 +307,8 @@ impl Tracer<'_> {
                 position: vertex.position,
                 albedo: vertex.bsdf.reflectance,
                 normal: vertex.bsdf.normal,
-                species: vertex.place.species,
-                plant: vertex.place.plant,
+                species: vertex.species,
+                plant: vertex.plant,
             });
         }
     }
@@ -557,7 +562,7 @@ fn survives(path: &mut Path, u: f32) -> bool {
     if path.bounces <= SURE_BOUNCES {
         return true;
     }
-    let chance = carried.clamp(0.05, 0.95);
+    let chance = (WORTH * carried).clamp(0.05, 0.95);
     path.beta /= chance;
     u < chance
 }

@@ -19,6 +19,12 @@ impl Face {
         Self { normals: normals.map(pack_normal), material, shade: 0 }
     }
 
+    /// The same face with turned normals.
+    pub fn turned(self, turn: impl Fn(Vec3) -> Vec3) -> Self {
+        let normals = self.normals.map(|packed| pack_normal(turn(unpack_normal(packed))));
+        Self { normals, ..self }
+    }
+
     /// Interpolated normal; `u` and `v` weigh the second and third corner.
     pub fn normal(&self, u: f32, v: f32) -> Vec3 {
         let [a, b, c] = self.normals;

@@ -97,6 +97,11 @@ pub fn estimate_bytes(triangles: u64, placements: u64) -> u64 {
     78 * triangles + 80 * placements
 }
 
+/// Groups of at most this many triangles are copied into one mesh of their own: a few megabytes
+/// for each *different* patch, against one ray transform and many overlapping boxes less on every
+/// ray through grass.
+const BAKED: u128 = 60_000;
+
 /// Variation of brightness from leaf to leaf.
 const LEAF_VARIATION: f32 = 0.16;
 
@@ -118,8 +123,8 @@ impl Scene {
         let origin = ground::origin(parts.terrain)?;
         let ground = ground::build(parts.terrain, origin)?;
         let mut assembly = Assembly::new(origin);
-        assembly.push(Level::mesh(&ground.triangles, 0));
-        assembly.push(Level::mesh(&ground.water, 0));
+        assembly.push(Level::mesh(&ground.triangles));
+        assembly.push(Level::mesh(&ground.water));
         let rows = rows_by_group(parts.instances);
         assembly.add_plants(parts, &rows, progress)?;
         assembly.add_groups(parts, &rows)?;
@@ -161,11 +166,11 @@ impl Scene {
     #[cfg(test)]
     pub(crate) fn of_mesh(triangles: &[Triangle], materials: Vec<Material>, dome: Dome) -> Self {
         let frame = weald_contract::Frame { width: 1, height: 1, cell: 1.0, west: 0.0, south: 0.0 };
-        let mesh = Level::mesh(triangles, 1);
-        let water = Level::mesh(&[], 0);
+        let mesh = Level::mesh(triangles);
+        let water = Level::mesh(&[]);
         let top = Level::group(&[(standing_at([0.0; 3], 0.0, 1.0, 0), 1)], &[mesh]);
         Self {
-            levels: Levels::new(vec![Level::mesh(triangles, 1), water, top]),
+            levels: Levels::new(vec![Level::mesh(triangles), water, top]),
             solid: 2,
             water: 1,
             materials,
@@ -250,6 +255,7 @@ impl Assembly {
             roughness: 1.0,
             variation: 0.0,
             is_ground: false,
+            species: 0,
         };
         // In the order of GROUND_MATERIAL and WATER_MATERIAL.
         let materials = vec![Material { is_ground: true, ..plain }, plain];
@@ -281,8 +287,7 @@ impl Assembly {
                 }
                 let what = format!("prototype {} ({})", plant.id, plant.species);
                 let triangles = flatten(&model, &what, base)?;
-                let species = parts.species.binary_search(&plant.species);
-                let level = Level::mesh(&triangles, species.map_or(0, |i| i as u32 + 1));
+                let level = Level::mesh(&triangles);
                 progress.advance(1);
                 Ok(level)
             })
@@ -304,19 +309,21 @@ impl Assembly {
             plants.par_iter().map(|plant| parts.prototypes.model(plant.id)).collect();
         models
             .into_iter()
-            .map(|model| {
+            .zip(plants)
+            .map(|(model, plant)| {
                 let model = model?;
-                let base = self.add_materials(&model)?;
+                let species = parts.species.binary_search(&plant.species);
+                let base = self.add_materials(&model, species.map_or(0, |i| i as u32 + 1))?;
                 Ok((model, base))
             })
             .collect()
     }
 
     /// Takes over a model's materials; returns the number of the first.
-    fn add_materials(&mut self, model: &PlantModel) -> Result<u16, Error> {
+    fn add_materials(&mut self, model: &PlantModel, species: u32) -> Result<u16, Error> {
         self.models += 1;
         let base = self.materials.len();
-        self.materials.extend(model.materials.iter().map(material));
+        self.materials.extend(model.materials.iter().map(|source| material(source, species)));
         let count = self.materials.len();
         if count > usize::from(u16::MAX) {
             let what = "materials of all models".to_string();
@@ -366,6 +373,11 @@ impl Assembly {
             return Err(Error::Nesting { group, limit: MAX_DEPTH - 1 });
         }
         let level = Level::group(&placed, &self.levels);
+        let level = if level.triangle_count(&self.levels) <= BAKED {
+            Level::mesh(&level.triangles(&self.levels))
+        } else {
+            level
+        };
         let number = self.push(level);
         self.by_id.insert(group, (number, depth));
         Ok(())
@@ -415,9 +427,9 @@ impl Assembly {
                 let why = "its place, turn or scale is no sensible number".to_string();
                 return Err(Error::BadModel { what, why });
             }
-            let base = self.add_materials(&object.model)?;
+            let base = self.add_materials(&object.model, 0)?;
             let triangles = flatten(&object.model, &what, base)?;
-            let level = self.push(Level::mesh(&triangles, 0));
+            let level = self.push(Level::mesh(&triangles));
             top.push((standing_at(position, object.yaw, object.scale, level), 0));
         }
         Ok(())
@@ -484,7 +496,7 @@ fn unresolved(
 /// A plant's material as the integrator wants it.
 ///
 /// Reflectance and transmittance are scaled down where together they would exceed 1.
-fn material(source: &weald_contract::Material) -> Material {
+fn material(source: &weald_contract::Material, species: u32) -> Material {
     let clean = |rgb: [f32; 3]| {
         Vec3::from_array(rgb.map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.0 }))
     };
@@ -504,6 +516,7 @@ fn material(source: &weald_contract::Material) -> Material {
         },
         variation,
         is_ground: false,
+        species,
     }
 }
 

@@ -2,9 +2,9 @@
 //!
 //! The sky is the analytic model of Hosek and Wilkie [HW12], tabulated over the upper half of
 //! the sphere so that it can be looked up and drawn from. Its RGB data come without an absolute
-//! scale; the zenith is brought to the luminance of [Preetham99 App. A.2]. The sun is a disc
-//! whose irradiance is that of space, dimmed by the same paper's transmittances, so sun and sky
-//! stand in proportion.
+//! scale in their paper; taken as watts, they give the illuminance that lighting engineers
+//! measured within a quarter (a test holds this). The sun is a disc whose irradiance is that of
+//! space, dimmed by the transmittances of [Preetham99 App. A.1].
 
 use crate::tone::luminance;
 use glam::Vec3;
@@ -25,6 +25,9 @@ const SOLAR_ILLUMINANCE: f64 = 133.3;
 /// Colour of sunlight outside the atmosphere at luminance 1: a black body of 5,778 K in
 /// Rec. 709 primaries.
 const SOLAR_COLOR: [f64; 3] = [1.05, 0.99, 0.95];
+
+/// Luminous efficacy, klm/W, that takes the sky model's radiance to luminance.
+const EFFICACY: f32 = 0.683;
 
 /// Wavelengths that stand for red, green and blue, µm: the centroids of the Rec. 709 primaries'
 /// matching curves.
@@ -110,8 +113,7 @@ impl Dome {
         };
         sun.radiance = irradiance.map(|e| e as f32).into();
         sun.radiance /= sun.solid_angle();
-        let table = tabulate(sky, toward, zenith_luminance(elevation, turbidity));
-        let mut dome = Self::from_table(table, Vec3::ZERO, Some(sun));
+        let mut dome = Self::from_table(tabulate(sky, toward), Vec3::ZERO, Some(sun));
         let direct = Vec3::from(irradiance.map(|e| e as f32)) * toward.z;
         dome.below = sky.ground_albedo / PI * (direct + dome.irradiance());
         dome
@@ -168,11 +170,7 @@ impl Dome {
 
     /// Irradiance of the sky without sun on level ground.
     pub fn irradiance(&self) -> Vec3 {
-        let part = |index: usize| {
-            let (low, high) = row_heights(index / WIDTH);
-            self.table[index] * (0.5 * (low + high) * cell_solid_angle(index / WIDTH))
-        };
-        (0..self.table.len()).map(part).sum()
+        irradiance_of(&self.table)
     }
 
     /// Radiance from a direction, without the sun.
@@ -215,6 +213,15 @@ impl Dome {
     }
 }
 
+/// Irradiance on level ground of a table of radiance.
+fn irradiance_of(table: &[Vec3]) -> Vec3 {
+    let part = |index: usize| {
+        let (low, high) = row_heights(index / WIDTH);
+        table[index] * (0.5 * (low + high) * cell_solid_angle(index / WIDTH))
+    };
+    (0..table.len()).map(part).sum()
+}
+
 /// Sine of the elevation at the lower and upper rim of a row.
 fn row_heights(row: usize) -> (f32, f32) {
     let rim = |row: usize| (row as f32 / HEIGHT as f32).powi(2);
@@ -240,15 +247,6 @@ fn invert(sums: &[f32], u: f32) -> (usize, f32) {
     (step, if width > 0.0 { ((u - low) / width).clamp(0.0, 1.0) } else { 0.5 })
 }
 
-/// Luminance of the zenith, kcd/m² [Preetham99 App. A.2].
-fn zenith_luminance(elevation: f64, turbidity: f64) -> f64 {
-    let from_zenith = std::f64::consts::FRAC_PI_2 - elevation;
-    let chi = (4.0 / 9.0 - turbidity / 120.0) * (std::f64::consts::PI - 2.0 * from_zenith);
-    let luminance = (4.0453 * turbidity - 4.9710) * libm::tan(chi) - 0.2155 * turbidity + 2.4192;
-    // Below turbidity 2 the fit leaves its data and can become negative.
-    luminance.max(0.5)
-}
-
 /// Irradiance of the sun on a plane that faces it, klx, as linear Rec. 709
 /// [Preetham99 App. A.1].
 fn sun_irradiance(elevation: f64, turbidity: f64) -> [f64; 3] {
@@ -266,8 +264,8 @@ fn sun_irradiance(elevation: f64, turbidity: f64) -> [f64; 3] {
     })
 }
 
-/// Radiance at all cell centres, scaled so that the zenith has the given luminance.
-fn tabulate(sky: &crate::Sky, sun: Vec3, zenith: f64) -> Vec<Vec3> {
+/// Radiance at all cell centres.
+fn tabulate(sky: &crate::Sky, sun: Vec3) -> Vec<Vec3> {
     use hw_skymodel::rgb::{SkyParams, SkyState};
     let params = SkyParams {
         // The model begins at the horizon and ends at the zenith.
@@ -281,13 +279,12 @@ fn tabulate(sky: &crate::Sky, sun: Vec3, zenith: f64) -> Vec<Vec3> {
     };
     let (coefficients, radiances) = state.raw();
     let model = |direction: Vec3| hosek_wilkie(&coefficients, &radiances, direction, sun);
-    let scale = zenith as f32 / luminance(model(Vec3::Z).to_array()).max(1e-6);
     let cell = |index: usize| {
         let (row, column) = (index / WIDTH, index % WIDTH);
         let z = ((row as f32 + 0.5) / HEIGHT as f32).powi(2);
         let (sin, cos) = libm::sincosf(TAU * (column as f32 + 0.5) / WIDTH as f32);
         let across = (1.0 - z * z).sqrt();
-        model(Vec3::new(across * cos, across * sin, z)).max(Vec3::ZERO) * scale
+        model(Vec3::new(across * cos, across * sin, z)).max(Vec3::ZERO) * EFFICACY
     };
     (0..WIDTH * HEIGHT).map(cell).collect()
 }
@@ -354,14 +351,29 @@ mod tests {
 
     #[test]
     fn sun_and_sky_stand_in_the_proportion_of_a_clear_day() {
-        // On a clear day with the sun at 35° the sky gives 15 to 35 % of the light on level
-        // ground, and the whole is 50 to 80 klx [IESNA00, ch. 8].
+        // On a clear day with the sun at 35° the sun gives 127.5 exp(-0.21 / sin 35°) klx where
+        // it is faced and the sky a fifth of the light on level ground [IESNA00, ch. 8].
         let dome = day();
         let sun = dome.sun.unwrap();
         let direct = luminance((sun.radiance * sun.solid_angle()).to_array()) * sun.direction.z;
         let sky = luminance(dome.irradiance().to_array());
         assert!((50.0..80.0).contains(&(direct + sky)), "{direct} + {sky} klx");
-        assert!((0.15..0.35).contains(&(sky / (sky + direct))), "{direct} + {sky} klx");
+        assert!((0.15..0.30).contains(&(sky / (sky + direct))), "{direct} + {sky} klx");
+    }
+
+    #[test]
+    fn the_clear_sky_gives_the_illuminance_that_was_measured() {
+        // Clear sky without sun, on level ground: 0.8 + 15.5 √sin(elevation) klx [IESNA00, ch. 8].
+        for degrees in [15.0f32, 30.0, 45.0, 60.0, 75.0] {
+            let sky = crate::Sky {
+                sun_elevation_deg: degrees,
+                turbidity: 2.5,
+                ..crate::Sky::clear_day()
+            };
+            let measured = 0.8 + 15.5 * degrees.to_radians().sin().sqrt();
+            let got = luminance(Dome::new(&sky).irradiance().to_array());
+            assert!((got / measured - 1.0).abs() < 0.25, "{degrees}°: {got} klx, not {measured}");
+        }
     }
 
     #[test]

@@ -17,8 +17,9 @@ const INDEX: f32 = 1.333;
 pub(crate) const EXTINCTION: f32 = 1.4;
 
 /// Part of the extinguished light that is scattered: green survives best between plankton's
-/// absorption of blue and water's own of red.
-pub(crate) const SCATTERING_ALBEDO: Vec3 = Vec3::new(0.38, 0.47, 0.24);
+/// absorption of blue and water's own of red. Deep water then returns 1 to 3 % of the light, as
+/// natural waters do [Kirk11, ch. 6].
+pub(crate) const SCATTERING_ALBEDO: Vec3 = Vec3::new(0.15, 0.19, 0.10);
 
 /// Ripples that a light breeze makes: a sum of sine waves.
 pub(crate) struct Ripples {

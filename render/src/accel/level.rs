@@ -40,8 +40,6 @@ pub(crate) struct Instance {
 pub(crate) struct Level {
     pub nodes: Vec<Node>,
     pub content: Content,
-    /// Number of the species in pictures; 0 for what is no plant.
-    pub species: u32,
 }
 
 /// What the leaves of a level hold.
@@ -68,6 +66,18 @@ impl Block {
     pub fn edges(&self, lane: usize) -> (Vec3, Vec3) {
         let pick = |rows: &[[f32; 8]; 3]| Vec3::from_array([0, 1, 2].map(|axis| rows[axis][lane]));
         (pick(&self.edge_1), pick(&self.edge_2))
+    }
+
+    /// The triangles inside. Lanes are filled from the first on, and each face is used once.
+    fn unpack(&self, faces: &[Face]) -> Vec<Triangle> {
+        let is_used = |&lane: &usize| lane == 0 || self.face[lane] > self.face[lane - 1];
+        let triangle = |lane: usize| {
+            let corner = Vec3::from_array([0, 1, 2].map(|axis| self.corner[axis][lane]));
+            let (edge_1, edge_2) = self.edges(lane);
+            let corners = [corner, corner + edge_1, corner + edge_2];
+            Triangle { corners, face: faces[self.face[lane] as usize] }
+        };
+        (0..BLOCK_SIZE).take_while(is_used).map(triangle).collect()
     }
 
     fn pack(triangles: impl Iterator<Item = (Triangle, u32)>) -> Self {
@@ -101,6 +111,13 @@ impl Instance {
         rotate(Quat::from_array(self.rotation), direction)
     }
 
+    /// A triangle of what is placed, in the space of the placement.
+    fn carry(&self, triangle: Triangle) -> Triangle {
+        let out = |p: Vec3| self.turn(p) * self.scale + Vec3::from_array(self.position);
+        let corners = triangle.corners.map(out);
+        Triangle { corners, face: triangle.face.turned(|normal| self.turn(normal)) }
+    }
+
     /// Box of a box that is placed.
     fn place(&self, bounds: &Bounds) -> Bounds {
         let matrix = Mat3A::from_quat(Quat::from_array(self.rotation)) * self.scale;
@@ -125,7 +142,7 @@ fn rotate(q: Quat, v: Vec3) -> Vec3 {
 
 impl Level {
     /// A mesh. Faces are stored in the order of leaves, so that neighbours share cache lines.
-    pub fn mesh(triangles: &[Triangle], species: u32) -> Self {
+    pub fn mesh(triangles: &[Triangle]) -> Self {
         let boxes: Vec<Bounds> = triangles
             .par_iter()
             .map(|triangle| Bounds::of(triangle.corners.map(Vec3A::from)))
@@ -146,7 +163,7 @@ impl Level {
                 Block::pack(items.iter().map(|&item| triangles[item as usize]).zip(face..))
             })
             .collect();
-        Self { nodes, content: Content::Mesh { blocks, faces }, species }
+        Self { nodes, content: Content::Mesh { blocks, faces } }
     }
 
     /// A group of placements of `levels`, each with the plant that it stands for.
@@ -169,7 +186,34 @@ impl Level {
         let Wide { nodes, leaves } = widen(&tree);
         let (instances, plants) =
             leaves.iter().map(|&(first, _)| placed[tree.order[first as usize] as usize]).unzip();
-        Self { nodes, content: Content::Group { instances, plants }, species: 0 }
+        Self { nodes, content: Content::Group { instances, plants } }
+    }
+
+    /// All triangles with their faces, brought to where the level's placements put them.
+    pub fn triangles(&self, levels: &[Level]) -> Vec<Triangle> {
+        match &self.content {
+            Content::Mesh { blocks, faces } => {
+                blocks.iter().flat_map(|block| block.unpack(faces)).collect()
+            }
+            Content::Group { instances, .. } => {
+                let inside = |instance: &Instance| {
+                    let triangles = levels[instance.level as usize].triangles(levels);
+                    triangles.into_iter().map(|triangle| instance.carry(triangle)).collect()
+                };
+                instances.iter().flat_map::<Vec<Triangle>, _>(inside).collect()
+            }
+        }
+    }
+
+    /// Number of triangles that a ray can meet.
+    pub fn triangle_count(&self, levels: &[Level]) -> u128 {
+        match &self.content {
+            Content::Mesh { faces, .. } => faces.len() as u128,
+            Content::Group { instances, .. } => {
+                let inside = |i: &Instance| levels[i.level as usize].triangle_count(levels);
+                instances.iter().map(inside).sum()
+            }
+        }
     }
 
     /// The smallest box around everything.

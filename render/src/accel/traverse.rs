@@ -56,8 +56,6 @@ pub(crate) struct Place {
     pub shading: Vec3,
     /// Material and colour of the triangle.
     pub face: Face,
-    /// Species number, 0 for none.
-    pub species: u32,
     /// Plant of the outermost placement, 0 for none.
     pub plant: u64,
 }
@@ -188,7 +186,6 @@ impl Levels {
             geometric: out(edges.0.cross(edges.1).normalize_or(Vec3::Z)),
             shading: out(face.normal(hit.u, hit.v)),
             face,
-            species: mesh.species,
             plant,
         }
     }
@@ -446,7 +443,7 @@ mod tests {
     /// Scene of three levels of nesting.
     fn nested(chance: &mut Stream) -> Vec<Level> {
         let mut levels: Vec<Level> =
-            (0..3).map(|_| Level::mesh(&triangles(chance, 60, 0.4), 1)).collect();
+            (0..3).map(|_| Level::mesh(&triangles(chance, 60, 0.4))).collect();
         let group = Level::group(&placements(chance, 9, 3), &levels);
         levels.push(group);
         let top = Level::group(&placements(chance, 12, 4), &levels);
@@ -513,7 +510,7 @@ mod tests {
             obvhs::BvhBuildParams::medium_build(),
             &mut std::time::Duration::default(),
         );
-        let levels = Levels::new(vec![Level::mesh(&list, 0)]);
+        let levels = Levels::new(vec![Level::mesh(&list)]);
         let mut scratch = Scratch::default();
         let mut differing = 0;
         for _ in 0..3000 {
@@ -541,7 +538,7 @@ mod tests {
         for corners in [zero, line, far, real] {
             list.extend([Triangle { corners, face: Face::default() }; 5]);
         }
-        let levels = Levels::new(vec![Level::mesh(&list, 0)]);
+        let levels = Levels::new(vec![Level::mesh(&list)]);
         let mut scratch = Scratch::default();
         for direction in [Vec3::Z, Vec3::new(0.1, 0.0, 1.0), Vec3::new(-0.0, 0.1, 1.0)] {
             let ray = Ray { origin: Vec3::ZERO, direction };
@@ -554,7 +551,7 @@ mod tests {
 
     #[test]
     fn empty_levels_are_never_met() {
-        let levels = vec![Level::mesh(&[], 0), Level::group(&[], &[])];
+        let levels = vec![Level::mesh(&[]), Level::group(&[], &[])];
         let levels = Levels::new(levels);
         let ray = Ray { origin: Vec3::ZERO, direction: Vec3::Z };
         for level in [0, 1] {
@@ -566,7 +563,7 @@ mod tests {
     #[test]
     fn a_turned_placement_turns_the_normal_and_names_its_plant() {
         let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
-        let mesh = Level::mesh(&[Triangle { corners, face: Face::new([Vec3::Z; 3], 7) }], 3);
+        let mesh = Level::mesh(&[Triangle { corners, face: Face::new([Vec3::Z; 3], 7) }]);
         let turn = Quat::from_rotation_x(std::f32::consts::FRAC_PI_2);
         let instance =
             Instance { rotation: turn.to_array(), position: [5.0, 0.0, 0.0], scale: 2.0, level: 0 };
@@ -578,6 +575,6 @@ mod tests {
         let place = levels.place(1, &hit);
         assert!(place.shading.abs_diff_eq(-Vec3::Y, 1e-5), "{}", place.shading);
         assert!(place.geometric.abs_diff_eq(-Vec3::Y, 1e-5));
-        assert_eq!((place.face.material, place.species, place.plant), (7, 3, 42));
+        assert_eq!((place.face.material, place.plant), (7, 42));
     }
 }

@@ -92,7 +92,7 @@ pub fn rotation([angle, variation]: [f32; 2], index: u32, chance: f32) -> f32 {
     if angle >= 0.0 {
         return angle * index as f32 + variation * chance;
     }
-    let side = if index % 2 == 0 { 1.0 } else { -1.0 };
+    let side = if index.is_multiple_of(2) { 1.0 } else { -1.0 };
     side * (180.0 + angle + variation * chance)
 }
 
@@ -127,7 +127,7 @@ mod tests {
         let table = [
             (0, [0.2, 0.6, 0.76, 1.0]),
             (1, [0.2, 1.0, 0.2 + 0.8 * 0.809_017, 0.2]),
-            (2, [0.2, 0.2 + 0.8 * 0.707_106_8, 0.2 + 0.8 * 0.891_006_5, 1.0]),
+            (2, [0.2, 0.2 + 0.8 * 0.5_f32.sqrt(), 0.2 + 0.8 * 0.891_006_5, 1.0]),
             (3, [1.0, 1.0, 1.0, 1.0]),
             (4, [0.5, 0.75, 0.85, 1.0]),
             (5, [0.0, 5.0 / 7.0, 1.0, 0.0]),

@@ -311,9 +311,15 @@ impl<'a> Tree<'a> {
     /// A place on a stem; where the stem has clones, the slot's number says on which.
     fn place(&self, stem: &Stem, level: &Level, slot: u32, z: f32) -> Place {
         let res = level.curve_res;
-        let covering = || stem.pieces.iter().filter(|(piece, _)| piece.covers(z, res));
-        let pick = seed::mix(stem.bud.id ^ u64::from(slot)) % covering().count().max(1) as u64;
-        let (piece, axis) = covering().nth(pick as usize).unwrap_or(&stem.pieces[0]);
+        let (piece, axis) = match &stem.pieces[..] {
+            [only] => only,
+            several => {
+                let covering = || several.iter().filter(|(piece, _)| piece.covers(z, res));
+                let count = covering().count().max(1) as u64;
+                let pick = seed::mix(stem.bud.id ^ u64::from(slot)) % count;
+                covering().nth(pick as usize).unwrap_or(&several[0])
+            }
+        };
         Place {
             axis: *axis,
             at: piece.own_fraction(z, res),

@@ -193,9 +193,16 @@ fn open(path: &Path) -> Result<SerializedFileReader<File>> {
 
 /// Runs the third-party reader; its errors become ours.
 fn guarded<T>(path: &Path, read: impl FnOnce() -> parquet::errors::Result<T>) -> Result<T> {
-    read().map_err(|error| {
-        let message = format!("this is not a readable Parquet file: {error}");
-        Error::invalid(path, message, "the file may be cut short")
+    read().map_err(|error| match error.to_string() {
+        // The crate's words for a codec that is not built in.
+        text if text.contains("Disabled feature") => {
+            let hint = "write it with compression zstd, snappy or none";
+            Error::unsupported(path, "the compression of this Parquet file", hint)
+        }
+        text => {
+            let message = format!("this is not a readable Parquet file: {text}");
+            Error::invalid(path, message, "the file may be cut short")
+        }
     })
 }
 

@@ -5,7 +5,7 @@ use crate::attribute::Attributes;
 use crate::config::{Arrange, Halftone};
 use crate::density::{Density, Patch, covering};
 use crate::dither::dither;
-use crate::relax::{Relaxation, relax};
+use crate::relax::{Lloyd, Relaxation};
 use crate::stand::{Kind, Spot, Stand, settle};
 use crate::steps::Site;
 use rayon::prelude::*;
@@ -88,10 +88,13 @@ fn scatter(
     let homes: Vec<[f64; 2]> =
         cells.iter().map(|&cell| jittered(cell, &raster.frame, terrain, site)).collect();
     let mut places = homes.clone();
-    for pass in 0..halftone.relax {
-        site.check_cancelled()?;
-        relax(&mut places, &raster, &Relaxation::pass(pass, halftone.relax));
-        site.progress.advance(1);
+    if halftone.relax > 0 {
+        let lloyd = Lloyd::new(&raster, places.len());
+        for pass in 0..halftone.relax {
+            site.check_cancelled()?;
+            lloyd.pass(&mut places, &Relaxation::pass(pass, halftone.relax));
+            site.progress.advance(1);
+        }
     }
     let whole = covering(terrain, raster.frame.cell);
     let placed = |(&cell, place): (&usize, [f64; 2])| {

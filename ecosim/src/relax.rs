@@ -4,10 +4,12 @@
 //! of the wanted density: in the plane, cells weighted by a density ρ^2 come to hold plants of
 //! density ρ, while weighting by ρ itself would drift towards its square root [Gersho79].
 //!
-//! A polygon is the square about its plant, three spacings to each side, cut by the bisectors
-//! towards the plant's Delaunay neighbours. The square bounds the polygons beside empty ground,
-//! and with them the ring of plants that a tile must know beyond its own. Tiles are the leaves
-//! of a median split, so that dense and empty regions cost what their plants cost.
+//! The corners of a polygon are the circumcentres of the Delaunay triangles about its plant.
+//! Where it would outgrow the square of two spacings to each side of the plant, it is that
+//! square, cut by the bisectors towards the plant's Delaunay neighbours. The square bounds the
+//! polygons beside empty ground, and with them the ring of plants that a tile must know beyond
+//! its own. Tiles are the leaves of a median split, so that dense and empty regions cost what
+//! their plants cost.
 
 use crate::Error;
 use crate::config::RelaxStep;
@@ -15,7 +17,7 @@ use crate::density::covering;
 use crate::field::BoundFormula;
 use crate::stand::{Stand, stand_on};
 use crate::steps::Site;
-use delaunator::{Point, next_halfedge, triangulate};
+use delaunator::{EMPTY, Point, Triangulation, next_halfedge, triangulate};
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 use weald_contract::{Frame, Grid};
@@ -36,7 +38,7 @@ const OVER: f64 = 1.8;
 const LEAST_LINES: f64 = 10.0;
 /// Most cells of the raster of masses; finer densities are averaged down to it.
 const MASS_CELLS: usize = 4_000_000;
-/// Up to so many plants all are each other's neighbours, and no triangulation is needed.
+/// Neighbours of a plant that triangulation leaves out: one of too few for a mesh, or a twin.
 const FEW: usize = 8;
 
 /// How one pass of relaxation moves plants.
@@ -56,42 +58,57 @@ impl Relaxation {
 /// Moves plants, given in map coordinates, once towards the centres of their polygons.
 ///
 /// `density` says how dense plants are wanted, in any unit; no plant moves to where it is 0.
-/// Plants beyond its frame stay. The result does not depend on the number of threads.
+/// The result does not depend on the number of threads.
 pub fn relax(places: &mut [[f64; 2]], density: &Grid, relaxation: &Relaxation) {
-    if places.is_empty() {
-        return;
+    Lloyd::new(density, places.len()).pass(places, relaxation);
+}
+
+/// A density made ready for many passes.
+pub(crate) struct Lloyd<'a> {
+    masses: Masses<'a>,
+}
+
+impl<'a> Lloyd<'a> {
+    /// Prepares to relax `count` plants.
+    pub(crate) fn new(density: &'a Grid, count: usize) -> Self {
+        Self { masses: Masses::new(density, count) }
     }
-    let masses = Masses::new(density, places.len());
-    let local: Vec<[f64; 2]> = places.iter().map(|place| masses.local(*place)).collect();
-    let mut order: Vec<u32> = (0..local.len() as u32).collect();
-    let tiles = split(&mut order, &local);
-    let tiles: Vec<Tile> = tiles.into_iter().map(|members| Tile::new(members, &local)).collect();
-    let moved: Vec<Vec<(u32, [f64; 2])>> = tiles
-        .par_iter()
-        .map(|tile| relax_tile(tile, &tiles, &local, &masses, relaxation))
-        .collect();
-    for (index, place) in moved.into_iter().flatten() {
-        places[index as usize] = masses.on_map(place);
+
+    /// Moves plants once.
+    pub(crate) fn pass(&self, places: &mut [[f64; 2]], relaxation: &Relaxation) {
+        let masses = &self.masses;
+        let mut plants: Vec<Member> = places
+            .par_iter()
+            .enumerate()
+            .map(|(index, place)| Member { place: masses.local(*place), index: index as u32 })
+            .collect();
+        let tiles: Vec<Tile<'_>> = split(&mut plants).into_iter().map(Tile::new).collect();
+        let moved: Vec<Vec<Member>> =
+            tiles.par_iter().map(|tile| relax_tile(tile, &tiles, masses, relaxation)).collect();
+        for plant in moved.into_iter().flatten() {
+            places[plant.index as usize] = masses.on_map(plant.place);
+        }
     }
 }
 
+/// A plant at a place in local coordinates.
+#[derive(Clone, Copy)]
+struct Member {
+    place: [f64; 2],
+    index: u32,
+}
+
 /// A group of plants near each other.
-struct Tile {
-    members: Vec<u32>,
+struct Tile<'a> {
+    members: &'a [Member],
     /// Rectangle that holds them: low and high corner.
     low: [f64; 2],
     high: [f64; 2],
 }
 
-impl Tile {
-    fn new(members: Vec<u32>, places: &[[f64; 2]]) -> Self {
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-        for &member in &members {
-            for axis in 0..2 {
-                low[axis] = low[axis].min(places[member as usize][axis]);
-                high[axis] = high[axis].max(places[member as usize][axis]);
-            }
-        }
+impl<'a> Tile<'a> {
+    fn new(members: &'a [Member]) -> Self {
+        let (low, high) = bounds(members);
         Self { members, low, high }
     }
 
@@ -108,154 +125,174 @@ impl Tile {
     }
 }
 
+fn bounds(members: &[Member]) -> ([f64; 2], [f64; 2]) {
+    let start = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+    members.iter().fold(start, |(low, high), member| {
+        let [x, y] = member.place;
+        ([low[0].min(x), low[1].min(y)], [high[0].max(x), high[1].max(y)])
+    })
+}
+
 /// Splits plants at medians, across the longer side, until each part fits a tile.
-fn split(order: &mut [u32], places: &[[f64; 2]]) -> Vec<Vec<u32>> {
-    if order.len() <= TILE {
-        let mut members = order.to_vec();
-        members.sort_unstable();
+fn split(members: &mut [Member]) -> Vec<&[Member]> {
+    if members.len() <= TILE {
         return vec![members];
     }
-    let axis = longer_side(order, places);
-    let middle = order.len() / 2;
+    let (low, high) = bounds(members);
+    let axis = usize::from(high[1] - low[1] > high[0] - low[0]);
+    let middle = members.len() / 2;
     // Equal coordinates are told apart by index, so that the parts are the same every time.
-    order.select_nth_unstable_by(middle, |&a, &b| {
-        places[a as usize][axis].total_cmp(&places[b as usize][axis]).then(a.cmp(&b))
+    members.select_nth_unstable_by(middle, |a, b| {
+        a.place[axis].total_cmp(&b.place[axis]).then(a.index.cmp(&b.index))
     });
-    let (low, high) = order.split_at_mut(middle);
-    let (mut tiles, more) = rayon::join(|| split(low, places), || split(high, places));
+    let (low, high) = members.split_at_mut(middle);
+    let (mut tiles, more) = rayon::join(|| split(low), || split(high));
     tiles.extend(more);
     tiles
 }
 
-fn longer_side(order: &[u32], places: &[[f64; 2]]) -> usize {
-    let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
-    for &index in order {
-        for axis in 0..2 {
-            low[axis] = low[axis].min(places[index as usize][axis]);
-            high[axis] = high[axis].max(places[index as usize][axis]);
-        }
-    }
-    usize::from(high[1] - low[1] > high[0] - low[0])
-}
-
-/// Returns the new places of a tile's plants.
+/// Returns the tile's plants at their new places.
 fn relax_tile(
-    tile: &Tile,
-    tiles: &[Tile],
-    places: &[[f64; 2]],
+    tile: &Tile<'_>,
+    tiles: &[Tile<'_>],
     masses: &Masses<'_>,
     relaxation: &Relaxation,
-) -> Vec<(u32, [f64; 2])> {
+) -> Vec<Member> {
     // A lone tile knows every plant, so that nothing bounds its polygons but the ground.
     let widest = if tiles.len() == 1 { masses.diagonal() } else { 2.0 * tile.spacing() };
-    let sites = with_ring(tile, tiles, places, 2.0 * SQRT_2 * REACH * widest);
-    let neighbours = Neighbours::new(&sites, tile.members.len());
-    let (mut polygon, mut spare) = (Vec::with_capacity(32), Vec::with_capacity(32));
-    let relaxed = |(own, &index): (usize, &u32)| {
-        let site = sites[own];
-        let spacing = masses.spacing(site).min(widest);
-        cell_polygon(site, REACH * spacing, &sites, neighbours.of(own), &mut polygon, &mut spare);
-        let target = masses.centroid(&polygon)?;
-        Some((index, masses.step(site, target, spacing, relaxation.step)))
+    let sites = with_ring(tile, tiles, 2.0 * SQRT_2 * REACH * widest);
+    let mut cells = Cells::new(&sites);
+    let mut sweep = Sweep::default();
+    let relaxed = |(own, member): (usize, &Member)| {
+        let spacing = masses.spacing(member.place).min(widest);
+        let target = masses.centroid(cells.polygon(own, REACH * spacing), &mut sweep)?;
+        let place = masses.step(member.place, target, spacing, relaxation.step);
+        Some(Member { place, ..*member })
     };
     tile.members.iter().enumerate().filter_map(relaxed).collect()
 }
 
 /// Returns the tile's plants, then all others within `ring` of its rectangle.
-fn with_ring(tile: &Tile, tiles: &[Tile], places: &[[f64; 2]], ring: f64) -> Vec<[f64; 2]> {
+fn with_ring(tile: &Tile<'_>, tiles: &[Tile<'_>], ring: f64) -> Vec<Point> {
     let low = tile.low.map(|edge| edge - ring);
     let high = tile.high.map(|edge| edge + ring);
-    let mut sites: Vec<[f64; 2]> = tile.members.iter().map(|&m| places[m as usize]).collect();
-    for other in
-        tiles.iter().filter(|other| !std::ptr::eq(*other, tile) && other.is_near(low, high))
-    {
-        let inside = |place: &[f64; 2]| {
-            (0..2).all(|axis| place[axis] >= low[axis] && place[axis] <= high[axis])
+    let point = |member: &Member| Point { x: member.place[0], y: member.place[1] };
+    let mut sites: Vec<Point> = tile.members.iter().map(point).collect();
+    for other in tiles.iter().filter(|other| other.is_near(low, high)) {
+        if std::ptr::eq(other.members, tile.members) {
+            continue;
+        }
+        let inside = |member: &&Member| {
+            (0..2).all(|axis| (low[axis]..=high[axis]).contains(&member.place[axis]))
         };
-        sites.extend(other.members.iter().map(|&m| places[m as usize]).filter(inside));
+        sites.extend(other.members.iter().filter(inside).map(point));
     }
     sites
 }
 
-/// Delaunay neighbours of the first sites of a list.
-struct Neighbours {
-    /// Where each site's neighbours begin in `list`, and where the last ones end.
-    starts: Vec<u32>,
-    list: Vec<u32>,
+/// Voronoi polygons of sites.
+struct Cells<'a> {
+    sites: &'a [Point],
+    mesh: Triangulation,
+    /// Circumcentres of the triangles: the corners of the polygons.
+    corners: Vec<[f64; 2]>,
+    /// For each site, a half-edge that ends in it, on the rim where there is one; `EMPTY` for
+    /// sites that the mesh leaves out.
+    arrivals: Vec<usize>,
+    polygon: Vec<[f64; 2]>,
+    spare: Vec<[f64; 2]>,
+    neighbours: Vec<usize>,
 }
 
-impl Neighbours {
-    /// Triangulates the sites and gathers the neighbours of the first `count`.
-    fn new(sites: &[[f64; 2]], count: usize) -> Self {
-        if sites.len() <= FEW {
-            return Self::everyone(sites.len(), count);
+impl<'a> Cells<'a> {
+    fn new(sites: &'a [Point]) -> Self {
+        let mesh = triangulate(sites);
+        let corner = |t: &[usize]| circumcentre(&sites[t[0]], &sites[t[1]], &sites[t[2]]);
+        let corners = mesh.triangles.chunks_exact(3).map(corner).collect();
+        let mut arrivals = vec![EMPTY; sites.len()];
+        for edge in 0..mesh.triangles.len() {
+            let end = mesh.triangles[next_halfedge(edge)];
+            if arrivals[end] == EMPTY || mesh.halfedges[edge] == EMPTY {
+                arrivals[end] = edge;
+            }
         }
-        let points: Vec<Point> = sites.iter().map(|&[x, y]| Point { x, y }).collect();
-        let mesh = triangulate(&points);
-        // Each inner edge is two half-edges, one from each end; a rim edge is only one, and
-        // counts for both ends.
-        let edges = || {
-            mesh.triangles.iter().enumerate().flat_map(|(edge, &from)| {
-                let to = mesh.triangles[next_halfedge(edge)];
-                let is_rim = mesh.halfedges[edge] == delaunator::EMPTY;
-                [Some((from, to)), is_rim.then_some((to, from))].into_iter().flatten()
-            })
+        let (polygon, spare, neighbours) = (Vec::new(), Vec::new(), Vec::new());
+        Self { sites, mesh, corners, arrivals, polygon, spare, neighbours }
+    }
+
+    /// Returns the polygon of a site within the square of half side `reach` about it.
+    fn polygon(&mut self, own: usize, reach: f64) -> &[[f64; 2]] {
+        let is_whole = self.go_around(own);
+        let site = &self.sites[own];
+        let is_inside = |corner: &[f64; 2]| {
+            (corner[0] - site.x).abs() <= reach && (corner[1] - site.y).abs() <= reach
         };
-        let mut starts = vec![0u32; count + 1];
-        edges().filter(|(from, _)| *from < count).for_each(|(from, _)| starts[from + 1] += 1);
-        for site in 0..count {
-            starts[site + 1] += starts[site];
+        if !is_whole || !self.polygon.iter().all(is_inside) {
+            self.cut_square(own, reach);
         }
-        let mut list = vec![0u32; starts[count] as usize];
-        let mut next = starts.clone();
-        for (from, to) in edges().filter(|(from, _)| *from < count) {
-            list[next[from] as usize] = to as u32;
-            next[from] += 1;
-        }
-        Self { starts, list }
+        &self.polygon
     }
 
-    fn everyone(all: usize, count: usize) -> Self {
-        let others = |site: usize| (0..all as u32).filter(move |&other| other as usize != site);
-        let list = (0..count).flat_map(others).collect();
-        let each = all.saturating_sub(1) as u32;
-        Self { starts: (0..=count as u32).map(|site| site * each).collect(), list }
+    /// Gathers a site's neighbours and the corners of its polygon in turn; says whether they
+    /// go all the way around.
+    fn go_around(&mut self, own: usize) -> bool {
+        self.polygon.clear();
+        self.neighbours.clear();
+        let first = self.arrivals[own];
+        if first == EMPTY {
+            // Twins of other sites, and sites too few for a mesh: everyone is a neighbour.
+            let few = 0..self.sites.len().min(FEW);
+            self.neighbours.extend(few.filter(|&other| other != own));
+            return false;
+        }
+        let mut arrival = first;
+        loop {
+            self.neighbours.push(self.mesh.triangles[arrival]);
+            self.polygon.push(self.corners[arrival / 3]);
+            let departure = next_halfedge(arrival);
+            arrival = self.mesh.halfedges[departure];
+            if arrival == EMPTY {
+                self.neighbours.push(self.mesh.triangles[next_halfedge(departure)]);
+                return false;
+            }
+            if arrival == first {
+                return true;
+            }
+        }
     }
 
-    fn of(&self, site: usize) -> &[u32] {
-        &self.list[self.starts[site] as usize..self.starts[site + 1] as usize]
+    /// Leaves in `polygon` the square about a site, cut by the bisectors towards its neighbours.
+    fn cut_square(&mut self, own: usize, reach: f64) {
+        let &Point { x, y } = &self.sites[own];
+        self.polygon.clear();
+        self.polygon.extend([
+            [x - reach, y - reach],
+            [x + reach, y - reach],
+            [x + reach, y + reach],
+            [x - reach, y + reach],
+        ]);
+        for &neighbour in &self.neighbours {
+            let other = &self.sites[neighbour];
+            let normal = [other.x - x, other.y - y];
+            // Points p with (p - site)·normal = |normal|²/2 are as near to one as to the other.
+            let half = 0.5 * (normal[0] * normal[0] + normal[1] * normal[1]);
+            if half == 0.0 {
+                continue;
+            }
+            clip(&self.polygon, &mut self.spare, |p| {
+                (p[0] - x) * normal[0] + (p[1] - y) * normal[1] - half
+            });
+            std::mem::swap(&mut self.polygon, &mut self.spare);
+        }
     }
 }
 
-/// Leaves in `polygon` the square of half side `reach` about a site, cut by the bisectors
-/// towards its neighbours.
-fn cell_polygon(
-    site: [f64; 2],
-    reach: f64,
-    sites: &[[f64; 2]],
-    neighbours: &[u32],
-    polygon: &mut Vec<[f64; 2]>,
-    spare: &mut Vec<[f64; 2]>,
-) {
-    let [x, y] = site;
-    polygon.clear();
-    polygon.extend([
-        [x - reach, y - reach],
-        [x + reach, y - reach],
-        [x + reach, y + reach],
-        [x - reach, y + reach],
-    ]);
-    for &neighbour in neighbours {
-        let other = sites[neighbour as usize];
-        let normal = [other[0] - x, other[1] - y];
-        // Points p with (p - site)·normal = |normal|²/2 are as near to one as to the other.
-        let half = 0.5 * (normal[0] * normal[0] + normal[1] * normal[1]);
-        if half == 0.0 {
-            continue;
-        }
-        clip(polygon, spare, |p| (p[0] - x) * normal[0] + (p[1] - y) * normal[1] - half);
-        std::mem::swap(polygon, spare);
-    }
+/// Returns the point as far from `a` as from `b` and `c`; not finite when they lie on a line.
+fn circumcentre(a: &Point, b: &Point, c: &Point) -> [f64; 2] {
+    let (bx, by, cx, cy) = (b.x - a.x, b.y - a.y, c.x - a.x, c.y - a.y);
+    let (b2, c2) = (bx * bx + by * by, cx * cx + cy * cy);
+    let scale = 0.5 / (bx * cy - by * cx);
+    [a.x + (cy * b2 - by * c2) * scale, a.y + (bx * c2 - cx * b2) * scale]
 }
 
 /// Leaves in `inside` the part of a convex polygon where `beyond` is not positive.
@@ -273,6 +310,55 @@ fn clip(polygon: &[[f64; 2]], inside: &mut Vec<[f64; 2]>, beyond: impl Fn([f64; 
             inside.push(to);
         }
         (from, from_beyond) = (to, to_beyond);
+    }
+}
+
+/// Evenly spaced lines across a convex polygon, and where each enters and leaves it.
+#[derive(Default)]
+struct Sweep {
+    top: f64,
+    apart: f64,
+    spans: Vec<(f64, f64)>,
+}
+
+impl Sweep {
+    /// Draws lines at least `finest` apart unless that were fewer than [`LEAST_LINES`], between
+    /// 0 and `bottom`; says whether any line meets the polygon.
+    fn draw(&mut self, polygon: &[[f64; 2]], finest: f64, bottom: f64) -> bool {
+        let start = (f64::INFINITY, f64::NEG_INFINITY);
+        let (low, high) = polygon.iter().fold(start, |(l, h), p| (l.min(p[1]), h.max(p[1])));
+        let (top, bottom) = (low.max(0.0), high.min(bottom));
+        if top.partial_cmp(&bottom) != Some(std::cmp::Ordering::Less) {
+            return false;
+        }
+        let lines = ((bottom - top) / finest).ceil().max(LEAST_LINES);
+        (self.top, self.apart) = (top, (bottom - top) / lines);
+        self.spans.clear();
+        self.spans.resize(lines as usize, start);
+        let mut from = polygon[polygon.len() - 1];
+        for &to in polygon {
+            self.cross(from, to);
+            from = to;
+        }
+        true
+    }
+
+    /// Widens the spans of the lines that an edge crosses.
+    fn cross(&mut self, from: [f64; 2], to: [f64; 2]) {
+        let (upper, lower) = if from[1] <= to[1] { (from, to) } else { (to, from) };
+        // Line k lies at top + (k + 1/2) apart; casts of negative numbers give 0.
+        let line = |v: f64| ((v - self.top) / self.apart + 0.5) as usize;
+        let lines = line(upper[1])..line(lower[1]).min(self.spans.len());
+        let slope = (lower[0] - upper[0]) / (lower[1] - upper[1]);
+        for index in lines {
+            let u = upper[0] + (self.at(index) - upper[1]) * slope;
+            let (low, high) = self.spans[index];
+            self.spans[index] = (low.min(u), high.max(u));
+        }
+    }
+
+    fn at(&self, index: usize) -> f64 {
+        self.top + (index as f64 + 0.5) * self.apart
     }
 }
 
@@ -373,20 +459,13 @@ impl<'a> Masses<'a> {
     /// Returns the centre of mass of a convex polygon; `None` when it holds no mass.
     ///
     /// Sums midpoint lines, each exact along its row.
-    fn centroid(&self, polygon: &[[f64; 2]]) -> Option<[f64; 2]> {
-        let (top, bottom) = polygon
-            .iter()
-            .fold((f64::INFINITY, f64::NEG_INFINITY), |(t, b), p| (t.min(p[1]), b.max(p[1])));
-        let (top, bottom) = (top.max(0.0), bottom.min(self.height as f64 * self.cell));
-        if top.partial_cmp(&bottom) != Some(std::cmp::Ordering::Less) {
+    fn centroid(&self, polygon: &[[f64; 2]], sweep: &mut Sweep) -> Option<[f64; 2]> {
+        if !sweep.draw(polygon, self.cell, self.height as f64 * self.cell) {
             return None;
         }
-        let lines = ((bottom - top) / self.cell).ceil().max(LEAST_LINES);
-        let apart = (bottom - top) / lines;
         let (mut mass, mut moment_u, mut moment_v) = (0.0, 0.0, 0.0);
-        for line in 0..lines as usize {
-            let v = top + (line as f64 + 0.5) * apart;
-            let Some((from, to)) = crossing(polygon, v) else { continue };
+        for (line, &(from, to)) in sweep.spans.iter().enumerate().filter(|(_, s)| s.0 < s.1) {
+            let v = sweep.at(line);
             let row = ((v / self.cell) as usize).min(self.height - 1);
             let (start, end) = (self.sums(row, from), self.sums(row, to));
             let along = end.mass - start.mass;
@@ -425,20 +504,6 @@ impl<'a> Masses<'a> {
     }
 }
 
-/// Returns where a horizontal line enters and leaves a convex polygon.
-fn crossing(polygon: &[[f64; 2]], v: f64) -> Option<(f64, f64)> {
-    let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-    let mut from = *polygon.last()?;
-    for &to in polygon {
-        if (from[1] > v) != (to[1] > v) {
-            let u = from[0] + (v - from[1]) / (to[1] - from[1]) * (to[0] - from[0]);
-            (low, high) = (low.min(u), high.max(u));
-        }
-        from = to;
-    }
-    (low < high).then_some((low, high))
-}
-
 /// Returns the mean density of a block of cells, counting those beyond the rim as empty.
 fn block_mean(density: &Grid, factor: usize, column: usize, row: usize) -> f32 {
     let frame = density.frame;
@@ -469,9 +534,10 @@ pub(crate) fn run(step: &RelaxStep, site: &Site<'_>, stand: &mut Stand<'_>) -> R
     let mut places: Vec<[f64; 2]> =
         chosen.iter().map(|&index| [plants[index].x, plants[index].y]).collect();
     let density = wanted(step, chosen.len(), site, stand)?;
+    let lloyd = Lloyd::new(&density, places.len());
     for pass in 0..step.iterations {
         site.check_cancelled()?;
-        relax(&mut places, &density, &Relaxation::pass(pass, step.iterations));
+        lloyd.pass(&mut places, &Relaxation::pass(pass, step.iterations));
         site.progress.advance(1);
     }
     for (&index, [x, y]) in chosen.iter().zip(places) {

@@ -110,6 +110,32 @@ fn a_killed_run_goes_on_from_what_was_finished() {
     assert!(whole == bytes_below(&tiny.path("out")));
 }
 
+#[cfg(unix)]
+#[test]
+fn ctrl_c_keeps_what_was_finished_and_says_so_by_its_exit_code() {
+    use std::process::{Command, Stdio};
+    let tiny = Tiny::new();
+    // More samples than any machine traces in a minute.
+    let run = "run scene -o out --set render.samples=65536 --set render.resolution=[640,360]";
+    let mut child = Command::new(env!("CARGO_BIN_EXE_weald"))
+        .args(run.split(' '))
+        .current_dir(tiny.path(""))
+        .stderr(Stdio::null())
+        .stdout(Stdio::null())
+        .spawn()
+        .expect("weald starts");
+    let began = std::time::Instant::now();
+    while !tiny.path("out/.weald/plants.json").exists() {
+        assert!(began.elapsed().as_secs() < 60, "the stages before the picture take seconds");
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    let kill = Command::new("kill").args(["-INT", &child.id().to_string()]).status();
+    assert!(kill.expect("a kill command").success());
+    assert_eq!(child.wait().expect("it ends").code(), Some(75));
+    assert!(!tiny.path("out/image.exr").exists());
+    assert_eq!(ran(&tiny.done("run scene -o out --json").out), ["render"]);
+}
+
 #[test]
 fn stages_alone_make_the_same_files_as_a_run() {
     let tiny = Tiny::new();

@@ -55,8 +55,15 @@ impl MapScale {
     }
 }
 
-/// Draws a terrain: altitude tints, hill shading, contours, water by depth.
+/// Draws a terrain: altitude tints, hill shading, contours, water by depth, and a scale.
 pub fn draw_relief(terrain: &Layers) -> Sketch {
+    let (mut sketch, map, interval) = draw_ground(terrain);
+    scale_bar(&mut sketch, &map, interval);
+    sketch
+}
+
+/// The relief alone, with the interval of its contours.
+fn draw_ground(terrain: &Layers) -> (Sketch, MapScale, f32) {
     let map = MapScale::of(terrain.frame);
     let altitudes = terrain.values("altitude").unwrap_or(&[]);
     let (low, high) = range(altitudes);
@@ -68,8 +75,7 @@ pub fn draw_relief(terrain: &Layers) -> Sketch {
             pixel.copy_from_slice(&relief_color(terrain, &map, x, y, (low, high), interval));
         }
     });
-    scale_bar(&mut sketch, &map, interval);
-    sketch
+    (sketch, map, interval)
 }
 
 /// Colour of one point of a relief.
@@ -164,10 +170,11 @@ pub fn draw_population(
 ) -> Sketch {
     let (map, mut sketch) = match terrain {
         Some(terrain) => {
-            let mut relief = draw_relief(terrain);
+            let (mut relief, map, interval) = draw_ground(terrain);
             // Faded, so that dots stand out.
             relief.rgb.iter_mut().for_each(|channel| *channel = 128 + *channel / 2);
-            (MapScale::of(terrain.frame), relief)
+            scale_bar(&mut relief, &map, interval);
+            (map, relief)
         }
         None => {
             let map = MapScale::of(extent(population));

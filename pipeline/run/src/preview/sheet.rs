@@ -33,7 +33,42 @@ pub fn contact_sheet(models: &[(String, &PlantModel)], side: usize) -> Sketch {
 }
 
 /// One model, filling the cell; the horizontal line marks the ground.
+///
+/// Drawn larger and averaged, so that blades thinner than a pixel fade instead of breaking up.
 fn portrait(model: &PlantModel, side: usize) -> Sketch {
+    let large = drawing(model, side * OVERSAMPLING);
+    let mut small = Sketch::filled(side, side, BACKGROUND);
+    for (row, line) in small.rgb.chunks_exact_mut(3 * side).enumerate() {
+        for (column, pixel) in line.chunks_exact_mut(3).enumerate() {
+            for (channel, value) in pixel.iter_mut().enumerate() {
+                *value = block_mean(&large, column, row, channel);
+            }
+        }
+    }
+    small
+}
+
+/// Pixels of the drawing across one of the portrait.
+const OVERSAMPLING: usize = 3;
+
+/// Mean of a channel over the block of drawn pixels that become one.
+fn block_mean(large: &Sketch, column: usize, row: usize, channel: usize) -> u8 {
+    let mut sum = 0;
+    for y in row * OVERSAMPLING..(row + 1) * OVERSAMPLING {
+        let start = 3 * (y * large.width + column * OVERSAMPLING) + channel;
+        sum += large.rgb[start..]
+            .iter()
+            .step_by(3)
+            .take(OVERSAMPLING)
+            .map(|v| u32::from(*v))
+            .sum::<u32>();
+    }
+    let count = (OVERSAMPLING * OVERSAMPLING) as u32;
+    ((sum + count / 2) / count) as u8
+}
+
+/// The model at full size.
+fn drawing(model: &PlantModel, side: usize) -> Sketch {
     let triangles = triangles(model);
     let mut sketch = Sketch::filled(side, side, BACKGROUND);
     let (mut low, mut high) = (Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY));
@@ -52,7 +87,7 @@ fn portrait(model: &PlantModel, side: usize) -> Sketch {
     let project =
         |p: Vec3| Vec3::new(side as f32 / 2.0 + (p.x - middle) * scale, ground - p.z * scale, p.y);
 
-    sketch.rectangle(0, ground as i64, side as i64, 1, [150, 146, 132], 1.0);
+    sketch.rectangle(0, ground as i64, side as i64, OVERSAMPLING as i64, [150, 146, 132], 1.0);
     let mut depth = vec![f32::INFINITY; side * side];
     for triangle in &triangles {
         fill(&mut sketch, &mut depth, triangle.corners.map(project), triangle.color);

@@ -27,7 +27,7 @@ mod water;
 
 pub use config::{Config, Sky};
 pub use film::{Film, FilmStatistics};
-pub use path::render;
+pub use path::{probe, render};
 pub use scene::{Object, Parts, PrototypeSource, Scene, Statistics, estimate_bytes};
 pub use tone::tone_map;
 

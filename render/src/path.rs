@@ -6,7 +6,7 @@
 //! for the eye itself and its mirror image in water. Paths end at random once they carry little
 //! [AK90].
 
-use crate::accel::{Hit, Place, Ray, Scratch};
+use crate::accel::{Hit, Place, Ray, Scratch as Stack};
 use crate::bsdf::{Bsdf, Material, any_direction};
 use crate::camera::{Camera, Filter};
 use crate::film::{Film, FilmStatistics, Pixel};
@@ -184,6 +184,14 @@ struct Seen {
     plant: u64,
 }
 
+/// Memory of a thread, kept between rays.
+#[derive(Debug, Default)]
+struct Scratch {
+    stack: Stack,
+    /// Rays traced.
+    rays: u64,
+}
+
 /// Follows paths through a scene.
 struct Tracer<'a> {
     scene: &'a Scene,
@@ -246,8 +254,9 @@ impl Tracer<'_> {
     fn step(&self, path: &mut Path, sampler: &mut Sampler, scratch: &mut Scratch) -> bool {
         let scene = self.scene;
         let levels = &scene.levels;
-        let hit = levels.nearest(scene.solid, &path.ray, f32::INFINITY, scratch);
-        let surface = levels.nearest(scene.water, &path.ray, hit.t, scratch);
+        scratch.rays += 1;
+        let hit = levels.nearest(scene.solid, &path.ray, f32::INFINITY, &mut scratch.stack);
+        let surface = levels.nearest(scene.water, &path.ray, hit.t, &mut scratch.stack);
         let distance = if surface.is_some() { surface.t } else { hit.t };
         if path.in_water {
             let [u, a, b, _] = sampler.next();
@@ -465,13 +474,14 @@ impl Tracer<'_> {
     /// water.
     fn reach(&self, path: &Path, ray: &Ray, scratch: &mut Scratch) -> f32 {
         let (scene, levels) = (self.scene, &self.scene.levels);
-        if levels.is_blocked(scene.solid, ray, f32::INFINITY, scratch) {
+        scratch.rays += 1;
+        if levels.is_blocked(scene.solid, ray, f32::INFINITY, &mut scratch.stack) {
             return 0.0;
         }
         if !path.in_water {
             return 1.0;
         }
-        let surface = levels.nearest(scene.water, ray, f32::INFINITY, scratch);
+        let surface = levels.nearest(scene.water, ray, f32::INFINITY, &mut scratch.stack);
         if !surface.is_some() {
             return 0.0;
         }
@@ -586,4 +596,273 @@ fn outside_cosine(z: f32) -> f32 {
 /// Distance by which rays start off a surface: more than the rounding of its position.
 fn clearance(position: Vec3) -> f32 {
     1e-4 + 1.5e-6 * position.abs().max_element()
+}
+
+/// Traces `count` rays from random places above the ground in random directions and returns how
+/// many met something: a benchmark of bare traversal, without shading.
+pub fn probe(scene: &Scene, count: u64, seed: Seed) -> u64 {
+    let bounds = scene.bounds();
+    /// Rays that one task traces.
+    const BATCH: u64 = 4096;
+    let batches = count.div_ceil(BATCH);
+    let batch = |number: u64| {
+        let mut stack = Stack::default();
+        let mut chance = seed.stream("probe", number);
+        let rays = BATCH.min(count - number * BATCH);
+        let mut ray = || {
+            // The middle of the scene, where the plants are, at the height of a person.
+            let at = |low: f32, high: f32, chance: &mut weald_contract::seed::Stream| {
+                let middle = 0.5 * (low + high);
+                middle + 0.02 * (high - low) * chance.around(0.0, 1.0) as f32
+            };
+            let x = at(bounds.low.x, bounds.high.x, &mut chance);
+            let y = at(bounds.low.y, bounds.high.y, &mut chance);
+            let origin = Vec3::new(x, y, bounds.low.z + 3.0);
+            let u = [chance.unit() as f32, chance.unit() as f32];
+            Ray { origin, direction: any_direction(u) }
+        };
+        let is_met = |ray: Ray, stack: &mut Stack| {
+            scene.levels.nearest(scene.solid, &ray, f32::INFINITY, stack).is_some()
+        };
+        (0..rays).filter(|_| is_met(ray(), &mut stack)).count() as u64
+    };
+    (0..batches).into_par_iter().map(batch).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accel::Triangle;
+    use crate::primitive::Face;
+    use crate::sky::Dome;
+    use weald_contract::{Silent, Written};
+
+    fn material(reflectance: f32, transmittance: f32) -> Material {
+        Material {
+            reflectance: Vec3::splat(reflectance),
+            transmittance: Vec3::splat(transmittance),
+            roughness: 1.0,
+            variation: 0.0,
+            is_ground: false,
+            species: 1,
+        }
+    }
+
+    fn triangle(corners: [Vec3; 3]) -> Triangle {
+        let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
+        Triangle { corners, face: Face::new([normal; 3], 0) }
+    }
+
+    /// Level ground of 200 m at height 0.
+    fn plane() -> Vec<Triangle> {
+        let corner = |x: f32, y: f32| Vec3::new(100.0 * x, 100.0 * y, 0.0);
+        let (a, b, c, d) =
+            (corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0));
+        vec![triangle([a, b, c]), triangle([a, c, d])]
+    }
+
+    /// Leaves at random in a box of 2 m.
+    fn leaves(count: usize) -> Vec<Triangle> {
+        let mut chance = Seed(9).stream("leaves", 0);
+        let mut point =
+            |reach: f64| Vec3::from_array([0; 3].map(|_| chance.around(0.0, reach) as f32));
+        let mut leaf = || {
+            let a = point(1.0);
+            triangle([a, a + point(0.3), a + point(0.3)])
+        };
+        (0..count).map(|_| leaf()).collect()
+    }
+
+    /// Mean light of many samples along rays.
+    fn mean(scene: &Scene, bounces: u32, samples: u32, ray: impl Fn(u32) -> Ray) -> Vec3 {
+        let tracer = Tracer { scene, bounces };
+        let mut scratch = Scratch::default();
+        let light = |number: u32| {
+            let mut sampler = Sampler::new(Seed(1), 5, number);
+            tracer.trace(ray(number), &mut sampler, &mut scratch).0.as_dvec3()
+        };
+        ((0..samples).map(light).sum::<glam::DVec3>() / f64::from(samples)).as_vec3()
+    }
+
+    /// Rays from all around towards a box at the origin.
+    fn inwards(number: u32) -> Ray {
+        let mut chance = Seed(4).stream("inwards", number.into());
+        let direction = any_direction([chance.unit() as f32, chance.unit() as f32]);
+        let aside = Vec3::from_array([0; 3].map(|_| chance.around(0.0, 0.7) as f32));
+        Ray { origin: aside - 5.0 * direction, direction }
+    }
+
+    #[test]
+    fn lossless_leaves_vanish_in_a_white_furnace() {
+        for (reflectance, transmittance) in [(0.5, 0.5), (1.0, 0.0), (0.2, 0.8)] {
+            let materials = vec![material(reflectance, transmittance)];
+            let scene = Scene::of_mesh(&leaves(150), materials, Dome::constant(1.0));
+            let light = mean(&scene, 64, 30_000, inwards);
+            assert!((light - 1.0).abs().max_element() < 0.005, "{light}");
+        }
+    }
+
+    #[test]
+    fn the_bounce_limit_changes_nothing_where_one_scattering_is_all() {
+        // Level ground sees only the sky: ρ E / π whatever the limit.
+        let dome = Dome::constant(1.0);
+        let scene = Scene::of_mesh(&plane(), vec![material(0.6, 0.0)], dome);
+        let down = |_| Ray { origin: Vec3::new(0.1, 0.2, 2.0), direction: -Vec3::Z };
+        for bounces in [1, 2, 6] {
+            let light = mean(&scene, bounces, 4000, down);
+            assert!((light.x - 0.6).abs() < 0.005, "{bounces} bounces gave {light}");
+        }
+    }
+
+    #[test]
+    fn sunlit_ground_has_the_radiance_of_its_irradiance() {
+        let dome = Dome::new(&crate::Sky::clear_day()).only_sun();
+        let sun = dome.sun.unwrap();
+        let solid_angle = 1.0 / sun.sample([0.5, 0.5]).pdf;
+        let expected = sun.radiance * solid_angle * sun.direction.z * 0.3 / std::f32::consts::PI;
+        let scene = Scene::of_mesh(&plane(), vec![material(0.3, 0.1)], dome);
+        let down = |_| Ray { origin: Vec3::new(0.1, 0.2, 2.0), direction: -Vec3::Z };
+        let light = mean(&scene, 6, 1000, down);
+        assert!((light / expected - 1.0).abs().max_element() < 1e-3, "{light} {expected}");
+        // Through a leaf as large as the world comes what it transmits.
+        let up = |_| Ray { origin: Vec3::new(0.1, 0.2, -2.0), direction: Vec3::Z };
+        let through = mean(&scene, 6, 1000, up);
+        assert!((through * 3.0 / expected - 1.0).abs().max_element() < 1e-3, "{through}");
+    }
+
+    #[test]
+    fn skylit_ground_has_the_radiance_of_its_irradiance() {
+        let mut dome = Dome::new(&crate::Sky::clear_day());
+        dome.sun = None;
+        let expected = dome.irradiance() * 0.5 / std::f32::consts::PI;
+        let scene = Scene::of_mesh(&plane(), vec![material(0.5, 0.0)], dome);
+        let down = |_| Ray { origin: Vec3::new(0.1, 0.2, 2.0), direction: -Vec3::Z };
+        let light = mean(&scene, 6, 20_000, down);
+        assert!((light / expected - 1.0).abs().max_element() < 0.01, "{light} {expected}");
+    }
+
+    #[test]
+    fn no_light_leaks_into_a_closed_room() {
+        let corner = |i: usize| {
+            Vec3::from_array([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 }))
+        };
+        let quads =
+            [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+        let walls: Vec<Triangle> = quads
+            .iter()
+            .map(|quad| quad.map(corner))
+            .flat_map(|[a, b, c, d]| [triangle([a, b, c]), triangle([a, c, d])])
+            .collect();
+        let scene = Scene::of_mesh(&walls, vec![material(0.9, 0.0)], Dome::constant(1.0));
+        let outwards = |number: u32| {
+            let ray = inwards(number);
+            Ray { origin: Vec3::new(0.3, -0.2, 0.1), direction: ray.direction }
+        };
+        assert_eq!(mean(&scene, 20, 5000, outwards), Vec3::ZERO);
+    }
+
+    #[test]
+    fn a_slab_of_random_leaves_transmits_by_beer_and_lambert() {
+        // Black leaves of random orientation: a ray passes leaf area density times path with
+        // probability exp(-G LAI), where G = 1/2 for the spherical leaf angle distribution.
+        let mut chance = Seed(12).stream("slab", 0);
+        let (count, half, side) = (12_000, 4.0, 0.08f32);
+        let mut slab = Vec::new();
+        for _ in 0..count {
+            let at = [0; 3].map(|_| chance.around(0.0, half) as f32);
+            let normal = any_direction([chance.unit() as f32, chance.unit() as f32]);
+            let (x, y) = normal.any_orthonormal_pair();
+            let (a, x, y) = (Vec3::from(at), x * side, y * side);
+            slab.extend([triangle([a, a + x, a + x + y]), triangle([a, a + x + y, a + y])]);
+        }
+        let area_density = f64::from(count) * f64::from(side * side) / (2.0 * half).powi(3);
+        let path = 6.0;
+        let expected = (-0.5 * area_density * path).exp();
+        let scene = Scene::of_mesh(&slab, vec![material(0.0, 0.0)], Dome::constant(1.0));
+        let mut stack = Stack::default();
+        let rays = 20_000;
+        let passes = (0..rays).filter(|_| {
+            let aside = [0; 2].map(|_| chance.around(0.0, 0.8 * half) as f32);
+            let ray = Ray { origin: Vec3::new(aside[0], aside[1], 3.0), direction: -Vec3::Z };
+            !scene.levels.is_blocked(scene.solid, &ray, path as f32, &mut stack)
+        });
+        let got = passes.count() as f64 / f64::from(rays);
+        assert!((got - expected).abs() < 0.03 * expected.max(0.3), "{got} {expected}");
+    }
+
+    fn small(scene: &Scene, seed: u64) -> Film {
+        let config = Config {
+            view: Written::default(),
+            resolution: [40, 24],
+            samples: 3,
+            bounces: 5,
+            exposure: 0.0,
+            aperture_mm: 20.0,
+        };
+        let view = View {
+            name: "v".into(),
+            stand_at: [0.0, -4.0],
+            eye_height: 0.5,
+            look_at: [0.0, 0.0],
+            look_height: 0.0,
+            fov_deg: 50.0,
+        };
+        render(scene, &view, &config, Seed(seed), &Silent).unwrap()
+    }
+
+    fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+    }
+
+    #[test]
+    fn the_picture_has_the_same_bits_on_one_and_two_threads() {
+        let make = || {
+            let dome = Dome::new(&crate::Sky::clear_day());
+            let scene = Scene::of_mesh(&leaves(20_000), vec![material(0.4, 0.3)], dome);
+            small(&scene, 3).picture()
+        };
+        let bits = |picture: weald_contract::Picture| -> Vec<u32> {
+            picture.channels.into_iter().flat_map(|c| c.values).map(f32::to_bits).collect()
+        };
+        assert_eq!(bits(with_threads(1, make)), bits(with_threads(2, make)));
+    }
+
+    #[test]
+    fn an_empty_scene_is_the_sky() {
+        let scene = Scene::of_mesh(&[], vec![], Dome::constant(0.7));
+        let picture = small(&scene, 1).picture();
+        assert!(picture.channel("G").unwrap().iter().all(|g| (g - 0.7).abs() < 1e-6));
+        assert!(picture.channel("A").unwrap().iter().all(|&a| a == 0.0));
+    }
+
+    #[test]
+    fn a_rendering_stops_when_asked() {
+        struct Stop;
+        impl Progress for Stop {
+            fn begin(&self, _: &str, _: u64, _: &str) {}
+            fn advance(&self, _: u64) {}
+            fn is_cancelled(&self) -> bool {
+                true
+            }
+        }
+        let scene = Scene::of_mesh(&[], vec![], Dome::constant(1.0));
+        let config = Config {
+            view: Written::default(),
+            resolution: [8, 8],
+            samples: 1,
+            bounces: 1,
+            exposure: 0.0,
+            aperture_mm: 0.0,
+        };
+        let view = View {
+            name: "v".into(),
+            stand_at: [0.0; 2],
+            eye_height: 1.0,
+            look_at: [1.0; 2],
+            look_height: 0.0,
+            fov_deg: 50.0,
+        };
+        let result = render(&scene, &view, &config, Seed(1), &Stop);
+        assert!(matches!(result, Err(Error::Cancelled)));
+    }
 }

@@ -602,3 +602,151 @@ fn append(
         triangles.push(Triangle { corners, face: Face::new(normals, base + mesh.material as u16) });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use weald_contract::instances::Instance as Row;
+    use weald_contract::{Frame, Group, Silent};
+
+    struct Models(PlantModel);
+
+    impl PrototypeSource for Models {
+        fn model(&self, _: u32) -> Result<Arc<PlantModel>, Problem> {
+            Ok(Arc::new(self.0.clone()))
+        }
+    }
+
+    fn plant() -> PlantModel {
+        let mesh = Mesh {
+            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 0.0, 3.0]],
+            triangles: vec![[0, 1, 2]],
+            ..Mesh::default()
+        };
+        let material = weald_contract::Material {
+            name: "bark".into(),
+            reflectance: [0.3; 3],
+            roughness: 1.0,
+            surface: Surface::Opaque,
+        };
+        PlantModel {
+            name: "stick".into(),
+            materials: vec![material],
+            wood: vec![mesh],
+            organs: vec![],
+        }
+    }
+
+    fn terrain() -> Layers {
+        let frame = Frame { width: 4, height: 4, cell: 10.0, west: 500.0, south: 700.0 };
+        let mut layers =
+            Layers { frame, crs: Default::default(), layers: Default::default(), detail: vec![] };
+        layers.insert("altitude", "m", "Height.", vec![100.0; 16]);
+        layers
+    }
+
+    fn palette() -> Palette {
+        let species = "stick".to_string();
+        let representative = Representative {
+            id: 1,
+            species: species.clone(),
+            age: 1.0,
+            vigor: 1.0,
+            height: 3.0,
+            radius: 1.0,
+            weight: 1.0,
+            count: 1,
+        };
+        let group = |id| Group { id, species: species.clone(), age: 1.0, vigor: 1.0, count: 1 };
+        Palette { representatives: vec![representative], groups: vec![group(2), group(3)] }
+    }
+
+    fn row(group: u32, prototype: u32) -> Row {
+        let position = if group == 0 { [520.0, 720.0, 100.0] } else { [0.5, 0.0, 0.0] };
+        let rotation = [0.0, 0.0, 0.0, 1.0];
+        Row { group, prototype, plant_id: 9, position, rotation, scale: 1.0 }
+    }
+
+    fn scene(model: PlantModel, rows: &[Row]) -> Result<Scene, Error> {
+        let mut instances = Instances::default();
+        rows.iter().for_each(|&row| instances.push(row));
+        let parts = Parts {
+            terrain: &terrain(),
+            palette: &palette(),
+            instances: &instances,
+            prototypes: &Models(model),
+            objects: &[],
+            species: &["stick".to_string()],
+        };
+        Scene::build(&parts, &Sky::clear_day(), &Silent)
+    }
+
+    fn error(model: PlantModel, rows: &[Row]) -> Error {
+        scene(model, rows).err().expect("the scene is damaged")
+    }
+
+    #[test]
+    fn triangles_are_counted_through_all_levels() {
+        let bare = scene(plant(), &[]).unwrap();
+        let ground = bare.statistics().instanced_primitives;
+        assert_eq!(ground, u128::from(bare.statistics().unique_primitives));
+        // Patch 2 holds three plants, patch 3 two patches and a plant, the scene two patches 3.
+        let rows = [
+            row(2, 1),
+            row(2, 1),
+            row(2, 1),
+            row(3, 2),
+            row(3, 2),
+            row(3, 1),
+            row(0, 3),
+            row(0, 3),
+        ];
+        let scene = scene(plant(), &rows).unwrap();
+        assert_eq!(scene.statistics().instanced_primitives, ground + 2 * 7);
+        assert_eq!(scene.statistics().prototypes, 1);
+    }
+
+    #[test]
+    fn a_plant_is_met_where_its_row_puts_it() {
+        use crate::accel::{Ray, Scratch};
+        let scene = scene(plant(), &[row(2, 1), row(3, 2), row(0, 3)]).unwrap();
+        // Two groups shift it by 0.5 m each: its foot is at 21, 20 in scene coordinates.
+        let ray = Ray { origin: Vec3::new(21.2, 10.0, 0.5), direction: Vec3::Y };
+        let hit = scene.levels.nearest(scene.solid, &ray, f32::INFINITY, &mut Scratch::default());
+        assert!((hit.t - 10.0).abs() < 1e-4, "{}", hit.t);
+        let place = scene.levels.place(scene.solid, &hit);
+        assert_eq!(place.plant, 9);
+        assert_eq!(scene.materials[usize::from(place.face.material)].species, 1);
+    }
+
+    #[test]
+    fn unknown_prototypes_and_circles_are_refused_by_row_and_group() {
+        assert!(matches!(
+            error(plant(), &[row(0, 77)]),
+            Error::UnknownPrototype { row: 0, prototype: 77 }
+        ));
+        assert!(matches!(
+            error(plant(), &[row(0, 1), row(2, 77)]),
+            Error::UnknownPrototype { row: 1, prototype: 77 }
+        ));
+        let circle = [row(0, 2), row(2, 3), row(3, 2)];
+        assert!(matches!(error(plant(), &circle), Error::Nesting { .. }));
+    }
+
+    #[test]
+    fn geometry_that_is_no_number_is_refused() {
+        let mut broken = plant();
+        broken.wood[0].positions[2][1] = f32::NAN;
+        let message = error(broken, &[row(0, 1)]).to_string();
+        assert!(message.contains("stick") && message.contains("vertex 2"), "{message}");
+        let mut broken = plant();
+        broken.wood[0].triangles[0][2] = 3;
+        assert!(matches!(error(broken, &[row(0, 1)]), Error::BadModel { .. }));
+        let mut nowhere = row(0, 1);
+        nowhere.position[0] = f64::NAN;
+        assert!(matches!(error(plant(), &[nowhere]), Error::BadInstance { row: 0, .. }));
+        let mut flat = row(0, 1);
+        flat.scale = 0.0;
+        assert!(matches!(error(plant(), &[flat]), Error::BadInstance { row: 0, .. }));
+    }
+}

@@ -38,9 +38,4 @@ impl Bounds {
         let d = (self.high - self.low).max(Vec3A::ZERO);
         d.x * d.y + d.y * d.z + d.z * d.x
     }
-
-    /// Length of the diagonal; 0 for an empty box.
-    pub fn diagonal(&self) -> f32 {
-        (self.high - self.low).max(Vec3A::ZERO).length()
-    }
 }

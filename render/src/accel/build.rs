@@ -85,7 +85,7 @@ fn split(items: &mut [Item], nodes: &mut [BinaryNode], place: Place) {
         here[0] = BinaryNode { bounds, first: place.item, right: 0, count };
         return;
     }
-    let middle = partition(items, place.depth);
+    let middle = partition(items, place.depth, place.leaf_size);
     let (left_items, right_items) = items.split_at_mut(middle);
     let left_slots = 2 * middle - 1;
     let (left_nodes, right_nodes) = below.split_at_mut(left_slots);
@@ -107,12 +107,12 @@ fn split(items: &mut [Item], nodes: &mut [BinaryNode], place: Place) {
 }
 
 /// Reorders items into a left and a right part, both non-empty; returns the size of the left.
-fn partition(items: &mut [Item], depth: u32) -> usize {
+fn partition(items: &mut [Item], depth: u32, leaf_size: usize) -> usize {
     let centers = Bounds::of(items.iter().map(|item| item.bounds.center()));
     let extent = centers.high - centers.low;
     if depth < HEURISTIC_DEPTH
         && extent.max_element() > 0.0
-        && let Some(cut) = best_cut(items, &Binning::new(&centers))
+        && let Some(cut) = best_cut(items, &Binning::new(&centers), leaf_size)
     {
         return reorder(items, |item| cut.is_left(item));
     }
@@ -175,8 +175,9 @@ impl Cut {
     }
 }
 
-/// The cut of least expected work: area times count, summed over both sides.
-fn best_cut(items: &[Item], binning: &Binning) -> Option<Cut> {
+/// The cut of least expected work: area times number of full leaves, summed over both sides. A
+/// leaf costs the same whether it is full or not, since its triangles are tested at once.
+fn best_cut(items: &[Item], binning: &Binning, leaf_size: usize) -> Option<Cut> {
     let mut boxes = [[Bounds::EMPTY; BINS]; 3];
     let mut counts = [[0u32; BINS]; 3];
     for item in items {
@@ -188,7 +189,7 @@ fn best_cut(items: &[Item], binning: &Binning) -> Option<Cut> {
     }
     let mut best: Option<(f32, usize, usize)> = None;
     for axis in 0..3 {
-        for (bin, cost) in cut_costs(&boxes[axis], &counts[axis]) {
+        for (bin, cost) in cut_costs(&boxes[axis], &counts[axis], leaf_size as u32) {
             if best.is_none_or(|(least, ..)| cost < least) {
                 best = Some((cost, axis, bin));
             }
@@ -198,7 +199,12 @@ fn best_cut(items: &[Item], binning: &Binning) -> Option<Cut> {
 }
 
 /// Cost of each cut that leaves something on both sides, as (first bin of the right side, cost).
-fn cut_costs(boxes: &[Bounds; BINS], counts: &[u32; BINS]) -> impl Iterator<Item = (usize, f32)> {
+fn cut_costs(
+    boxes: &[Bounds; BINS],
+    counts: &[u32; BINS],
+    leaf_size: u32,
+) -> impl Iterator<Item = (usize, f32)> {
+    let leaves = |count: u32| count.div_ceil(leaf_size) as f32;
     let mut right = [(0.0, 0u32); BINS];
     let (mut all, mut count) = (Bounds::EMPTY, 0);
     for bin in (1..BINS).rev() {
@@ -213,7 +219,7 @@ fn cut_costs(boxes: &[Bounds; BINS], counts: &[u32; BINS]) -> impl Iterator<Item
         count += counts[bin - 1];
         let (right_area, right_count) = right[bin];
         if count > 0 && right_count > 0 {
-            let cost = all.half_area() * count as f32 + right_area * right_count as f32;
+            let cost = all.half_area() * leaves(count) + right_area * leaves(right_count);
             costs[bin] = (bin, cost);
         }
     }

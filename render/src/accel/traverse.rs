@@ -64,8 +64,6 @@ pub(crate) struct Place {
 #[derive(Debug, Default)]
 pub(crate) struct Scratch {
     stack: Vec<Entry>,
-    /// Rays walked with this memory.
-    pub rays: u64,
 }
 
 /// A subtree that is still to be walked.
@@ -110,11 +108,6 @@ impl Levels {
         Self { list, has_avx2 }
     }
 
-    /// The levels.
-    pub fn list(&self) -> &[Level] {
-        &self.list
-    }
-
     /// The same levels, walked by plain loops.
     #[cfg(test)]
     pub fn portable(mut self) -> Self {
@@ -146,7 +139,6 @@ impl Levels {
         hit: &mut Hit,
         scratch: &mut Scratch,
     ) -> bool {
-        scratch.rays += 1;
         scratch.stack.clear();
         let ray = LocalRay::new(ray.origin, ray.direction);
         let mut walk =

@@ -14,6 +14,8 @@
 //!   over splits and the helix of branches start anew on each stem.
 
 pub mod formula;
+mod leaves;
+mod scar;
 mod stem;
 mod tree;
 

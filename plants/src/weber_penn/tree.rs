@@ -1,23 +1,23 @@
-//! The whole tree: trunk, branches level by level, leaves.
+//! The whole tree: trunks, then branches level by level.
 
 use super::stem::{Bud, Piece, pieces, radius_at};
 use super::{Level, WeberPenn, formula};
 use crate::Stature;
-use crate::frame::{any_normal, direction, rot_x, rot_z};
+use crate::frame::{rot_x, rot_z};
 use crate::material::opaque;
 use crate::organ;
 use crate::presence::{filling, presence};
-use crate::skeleton::{Axis, AxisKind, PlacedOrgan, Skeleton, axis_id};
+use crate::skeleton::{Axis, AxisKind, Skeleton, axis_id};
 use glam::{Quat, Vec3};
+use std::f32::consts::PI;
 use weald_contract::{Seed, seed};
 
 /// Thinnest twig, m: mean radii of the twigs of broadleaved trees are 0.8 to 2.5 mm
 /// [Morales24].
 const TWIG_RADIUS: f32 = 0.0008;
 
-/// Scars on the bare trunk of a mature tree: about as many as branches on the same length of
-/// crown.
-const SHED_BRANCHES: u32 = 26;
+/// Shortest stem, m: what has just come in still needs a direction.
+const SHORTEST: f32 = 1e-4;
 
 /// Fewest and most a branch is stretched to meet the crown radius asked for.
 const FIT: (f32, f32) = (0.15, 5.0);
@@ -67,22 +67,49 @@ fn crown_fit(form: &WeberPenn, stature: &Stature, seed: Seed) -> f32 {
 }
 
 /// A stem that has grown: what its children and leaves need to know.
-struct Stem {
-    bud: Bud,
+pub(super) struct Stem {
+    pub bud: Bud,
+    /// Its pieces with the axes they became.
     pieces: Vec<(Piece, u32)>,
 }
 
-struct Tree<'a> {
-    form: &'a WeberPenn,
-    stature: &'a Stature,
-    seed: Seed,
+/// A place on an axis.
+pub(super) struct Place {
+    /// Index of the axis.
+    pub axis: u32,
+    /// Fraction of the axis.
+    pub at: f32,
+    /// The point there, m.
+    pub position: Vec3,
+    /// World from stem there.
+    pub frame: Quat,
+}
+
+/// A place on a stem where a branch may grow.
+struct Slot {
+    index: u32,
+    /// Fraction of the part of the stem that bears branches, from below.
+    part: f32,
+    /// Fraction of the whole stem.
+    z: f32,
+    /// Chances in [-1, 1]: down angle, rotation, length.
+    chances: [f32; 3],
+    /// How far the branch has come in.
+    presence: f32,
+}
+
+/// A tree while it grows.
+pub(super) struct Tree<'a> {
+    pub form: &'a WeberPenn,
+    pub stature: &'a Stature,
+    pub seed: Seed,
     /// Factor of the length of branches of level 1.
     fit: f32,
-    skeleton: Skeleton,
+    pub skeleton: Skeleton,
     /// Prototype of the scars.
-    scar: Option<u32>,
+    pub scar: Option<u32>,
     /// Part of the slots that are filled.
-    filled: f32,
+    pub filled: f32,
 }
 
 impl<'a> Tree<'a> {
@@ -134,47 +161,38 @@ impl<'a> Tree<'a> {
     }
 
     fn trunks(&self) -> Vec<Bud> {
-        let form = self.form;
-        let trunk = |index: u32| {
-            let id = axis_id(0, "trunk", index);
-            let mut stream = self.seed.stream("trunk", u64::from(index));
-            let yaw = stream.range(0.0, std::f64::consts::TAU) as f32;
-            // The first trunk is always there.
-            let presence = if index == 0 { 1.0 } else { presence(index, form.trunks, self.filled) };
-            let level = form.level.value.first()?;
-            let length =
-                stream.around(f64::from(level.length[0]), f64::from(level.length[1])) as f32;
-            let length = (length * self.stature.height * presence).max(1e-4);
-            let mut frame = rot_z(yaw);
-            let mut position = Vec3::ZERO;
-            if form.trunks > 1 {
-                let lean = form.trunk_lean_deg;
-                let lean = stream.around(f64::from(lean[0]), f64::from(lean[1])) as f32;
-                frame *= rot_x(lean.to_radians());
-                let foot = 1.5 * self.stature.stem_radius * (form.trunks as f32).sqrt();
-                position = direction(yaw - std::f32::consts::FRAC_PI_2, 1.570_796_4)
-                    * foot
-                    * stream.unit() as f32;
-            }
-            // Several trunks share the section of one.
-            let shared = self.stature.stem_radius / (form.trunks as f32).sqrt();
-            let radius = form.ratio.map_or(shared, |ratio| ratio * length);
-            let (parent, offset, relative) = (None, 1.0, 1.0);
-            let bud = Bud {
-                id,
-                level: 0,
-                parent,
-                position,
-                frame,
-                length,
-                radius,
-                offset,
-                relative,
-                presence,
-            };
-            (presence > 0.0).then_some(bud)
+        let Some(level) = self.form.level.value.first() else { return Vec::new() };
+        let trunks = (0..self.form.trunks).map(|index| self.trunk(level, index));
+        trunks.filter(|bud| bud.presence > 0.0).collect()
+    }
+
+    fn trunk(&self, level: &Level, index: u32) -> Bud {
+        let count = self.form.trunks;
+        let mut stream = self.seed.stream("trunk", u64::from(index));
+        let mut around = |[mean, variation]: [f32; 2]| {
+            stream.around(f64::from(mean), f64::from(variation)) as f32
         };
-        (0..form.trunks).filter_map(trunk).collect()
+        let yaw = around([PI, PI]);
+        // The first trunk is always there.
+        let presence = if index == 0 { 1.0 } else { presence(index, count, self.filled) };
+        let length = (around(level.length) * self.stature.height * presence).max(SHORTEST);
+        // Several trunks stand in a circle, lean out of it and share the section of one.
+        let lean = if count > 1 { around(self.form.trunk_lean_deg).to_radians() } else { 0.0 };
+        let shared = self.stature.stem_radius / (count as f32).sqrt();
+        let away = if count > 1 { 1.5 * shared * count as f32 * around([0.5, 0.5]) } else { 0.0 };
+        Bud {
+            id: axis_id(0, "trunk", index),
+            level: 0,
+            parent: None,
+            // A positive lean about the stem's X axis is a lean away from its Y axis.
+            position: rot_z(yaw) * Vec3::NEG_Y * away,
+            frame: rot_z(yaw) * rot_x(lean),
+            length,
+            radius: self.form.ratio.map_or(shared, |ratio| ratio * length),
+            offset: 1.0,
+            relative: 1.0,
+            presence,
+        }
     }
 
     /// Grows a stem into the skeleton; `None` if pruning leaves nothing of it.
@@ -248,68 +266,73 @@ impl<'a> Tree<'a> {
             1 => formula::second_level_count(above.branches, bud.relative),
             _ => formula::third_level_count(above.branches, bud.offset),
         };
-        let bare = if bud.level == 0 { self.form.base_size } else { level.bare };
         if bud.level == 0 {
             self.shed(stem, level);
         }
+        let bare = if bud.level == 0 { self.form.base_size } else { level.bare };
         let mut stream = self.seed.stream("branches", bud.id);
         let phase = if above.rotate_deg[0] < 0.0 { 0.0 } else { stream.range(0.0, 360.0) as f32 };
-        for slot in 0..count {
-            let mut chance = || stream.around(0.0, 1.0) as f32;
-            let chances = [chance(), chance(), chance()];
-            let present = presence(slot, count, self.filled);
-            if present == 0.0 {
-                continue;
+        for index in 0..count {
+            // Absent branches draw too, so that the others do not change when they come in.
+            let chances = [(); 3].map(|()| stream.around(0.0, 1.0) as f32);
+            let presence = presence(index, count, self.filled);
+            let part = (index as f32 + 0.5) / count as f32;
+            let slot = Slot { index, part, z: bare + (1.0 - bare) * part, chances, presence };
+            if presence > 0.0 {
+                buds.push(self.bud(stem, [level, above], &slot, phase));
             }
-            let z = bare + (1.0 - bare) * (slot as f32 + 0.5) / count as f32;
-            let place = self.place(stem, level, slot, z);
-            let down =
-                formula::down_angle(above.down_angle_deg, (1.0 - z) / (1.0 - bare), chances[0]);
-            let spin = phase + formula::rotation(above.rotate_deg, slot, chances[1]);
-            let frame = place.frame * rot_z(spin.to_radians()) * rot_x(down.to_radians());
-            let longest = above.length[0] + above.length[1] * chances[2];
-            let (length, relative) = self.child_length(bud, longest, z, bare);
-            let length = (length * present).max(1e-4);
-            let radius = self.child_radius(bud, length, radius_at(self.form, level, bud, z));
-            if bud.level == 0 {
-                self.scar(&place, frame * Vec3::Z, radius_at(self.form, level, bud, z));
-            }
-            buds.push(Bud {
-                id: axis_id(bud.id, "branch", slot),
-                level: bud.level + 1,
-                parent: Some((place.axis, place.at)),
-                position: place.position,
-                frame,
-                length,
-                radius,
-                offset: z,
-                relative,
-                presence: present * bud.presence,
-            });
         }
     }
 
-    /// Length of a child at the fraction `z`, m, and relative to the longest of its level.
-    fn child_length(&self, bud: &Bud, longest: f32, z: f32, bare: f32) -> (f32, f32) {
+    /// The branch at a slot of a stem; `levels` are the stem's own and the branch's.
+    fn bud(&mut self, stem: &Stem, [level, above]: [&Level; 2], slot: &Slot, phase: f32) -> Bud {
+        let parent = &stem.bud;
+        let place = self.place(stem, level, slot.index, slot.z);
+        let from_top = 1.0 - slot.part;
+        let down = formula::down_angle(above.down_angle_deg, from_top, slot.chances[0]);
+        let spin = phase + formula::rotation(above.rotate_deg, slot.index, slot.chances[1]);
+        let frame = place.frame * rot_z(spin.to_radians()) * rot_x(down.to_radians());
+        let parent_radius = radius_at(self.form, level, parent, slot.z);
+        if parent.level == 0 {
+            self.scar(&place, frame * Vec3::Z, parent_radius);
+        }
+        let longest = above.length[0] + above.length[1] * slot.chances[2];
+        let (length, relative) = self.child_length(parent, longest, slot);
+        let length = (length * slot.presence).max(SHORTEST);
+        Bud {
+            id: axis_id(parent.id, "branch", slot.index),
+            level: parent.level + 1,
+            parent: Some((place.axis, place.at)),
+            position: place.position,
+            frame,
+            length,
+            radius: self.child_radius(parent, length, parent_radius),
+            offset: slot.z,
+            relative,
+            presence: slot.presence * parent.presence,
+        }
+    }
+
+    /// Length of a child at a slot, m, and relative to the longest of its level [WP95] §4.3.
+    fn child_length(&self, bud: &Bud, longest: f32, slot: &Slot) -> (f32, f32) {
         if bud.level > 0 {
-            let relative = 1.0 - 0.6 * z;
+            let relative = 1.0 - 0.6 * slot.z;
             return (longest * bud.length * relative, relative);
         }
-        let relative = formula::shape_ratio(self.form.shape, (1.0 - z) / (1.0 - bare));
+        let relative = formula::shape_ratio(self.form.shape, 1.0 - slot.part);
         // Where the envelope comes to a point a stub remains: a stem needs a length.
         let relative = relative.max(0.02);
         (bud.length * longest * relative * self.fit, relative)
     }
 
+    /// Radius of a child at its base, m: by its length, and never above the parent's there.
     fn child_radius(&self, bud: &Bud, length: f32, at_parent: f32) -> f32 {
-        // The published relation, without the crown's fit: a tree squeezed by its neighbours has
-        // thinner branches only as they are shorter.
         let radius = bud.radius * libm::powf((length / bud.length).min(1.0), self.form.ratio_power);
         radius.max(TWIG_RADIUS).min(at_parent).max(1e-5)
     }
 
     /// A place on a stem; where the stem has clones, the slot's number says on which.
-    fn place(&self, stem: &Stem, level: &Level, slot: u32, z: f32) -> Place {
+    pub fn place(&self, stem: &Stem, level: &Level, slot: u32, z: f32) -> Place {
         let res = level.curve_res;
         let (piece, axis) = match &stem.pieces[..] {
             [only] => only,
@@ -327,114 +350,4 @@ impl<'a> Tree<'a> {
             frame: piece.frame(z, res),
         }
     }
-
-    /// Scars the bare part of a trunk where branches have been shed.
-    fn shed(&mut self, stem: &Stem, level: &Level) {
-        if self.scar.is_none() {
-            return;
-        }
-        let mut stream = self.seed.stream("scars", stem.bud.id);
-        for slot in 0..SHED_BRANCHES {
-            let z = self.form.base_size * stream.range(0.06, 1.0) as f32;
-            let azimuth = stream.range(0.0, std::f64::consts::TAU) as f32;
-            if presence(slot, SHED_BRANCHES, self.stature.maturity) > 0.0 {
-                let place = self.place(stem, level, slot, z);
-                let radius = radius_at(self.form, level, &stem.bud, z);
-                self.scar(&place, direction(azimuth, std::f32::consts::FRAC_PI_2), radius);
-            }
-        }
-    }
-
-    /// Leaves a scar on the trunk below a branch that grows, or grew, towards `towards`.
-    fn scar(&mut self, place: &Place, towards: Vec3, trunk_radius: f32) {
-        // Thinner stems still have smooth bark.
-        if trunk_radius < 0.012 {
-            return;
-        }
-        let Some(prototype) = self.scar else { return };
-        let up = place.frame * Vec3::Z;
-        let Some(out) = (towards - up * towards.dot(up)).try_normalize() else { return };
-        let frame = Quat::from_mat3(&glam::Mat3::from_cols(up.cross(out), up, out));
-        self.skeleton.organs.push(PlacedOrgan {
-            prototype,
-            axis: place.axis,
-            position: place.position - up * (0.3 * trunk_radius),
-            rotation: frame,
-            scale: Vec3::splat(trunk_radius),
-        });
-    }
-
-    fn leaves(&mut self, stem: &Stem) {
-        let leaf = &self.form.leaf;
-        let bud = &stem.bud;
-        let Some(level) = self.form.level.value.get(bud.level) else { return };
-        let count = formula::leaf_count(leaf.count, bud.offset, leaf.quality);
-        // A seedling's leaves are in proportion to it; those of a tree do not know its height.
-        let young = 1.0 / (1.0 + 3.0 * leaf.scale / self.stature.height);
-        let size = leaf.scale / leaf.quality.sqrt() * young * bud.presence;
-        let mut stream = self.seed.stream("leaves", bud.id);
-        let phase = stream.range(0.0, 360.0) as f32;
-        for slot in 0..count {
-            let mut chance = || stream.around(0.0, 1.0) as f32;
-            let chances = [chance(), chance(), chance(), chance()];
-            let present = presence(slot, count, self.filled);
-            if present == 0.0 {
-                continue;
-            }
-            let part = (slot + 1) as f32 / count as f32;
-            let is_fan = leaf.count < 0;
-            let z = if is_fan { 1.0 } else { level.bare + (1.0 - level.bare) * part };
-            let place = self.place(stem, level, slot, z);
-            let (spin, down) = if is_fan {
-                (phase + 90.0, leaf.rotate_deg[0] * (part - 0.5))
-            } else {
-                let spin = phase + formula::rotation(leaf.rotate_deg, slot, chances[0]);
-                (spin, formula::down_angle(leaf.down_angle_deg, 1.0 - z, chances[1]))
-            };
-            let (heading, upper) = leaf_directions(spin.to_radians(), down.to_radians());
-            let (heading, upper) = (place.frame * heading, place.frame * upper);
-            let length = size * present * (1.0 + leaf.scale_v * chances[2]);
-            let position = place.position + heading * (leaf.stalk * length);
-            let hue = ((0.5 + 0.5 * chances[3]) * leaf.hues as f32) as u32;
-            self.skeleton.organs.push(PlacedOrgan {
-                prototype: hue.min(leaf.hues - 1),
-                axis: place.axis,
-                position,
-                rotation: self.pose(heading, upper, position),
-                scale: Vec3::new(length * leaf.scale_x, length, length),
-            });
-        }
-    }
-
-    /// Lets a leaf hang and turn its face to the light, which comes from above and outside.
-    fn pose(&self, heading: Vec3, upper: Vec3, position: Vec3) -> Quat {
-        let leaf = &self.form.leaf;
-        let hanging = heading + (-Vec3::Z - heading) * leaf.droop;
-        let heading = hanging.try_normalize().unwrap_or(heading);
-        // The face turns about the leaf's own length, as a blade does on its stalk.
-        let across = |v: Vec3| v - heading * v.dot(heading);
-        let light = across(Vec3::Z + 0.5 * position.with_z(0.0).normalize_or_zero());
-        let upper = across(upper);
-        let turned =
-            upper.normalize_or_zero() * (1.0 - leaf.bend) + light.normalize_or_zero() * leaf.bend;
-        let upper = turned.try_normalize().unwrap_or_else(|| any_normal(heading));
-        Quat::from_mat3(&glam::Mat3::from_cols(heading.cross(upper), heading, upper))
-    }
-}
-
-/// Heading and upper side of a leaf in its stem's frame: `spin` about the stem, then `down` from
-/// it, the upper side towards the stem's tip.
-fn leaf_directions(spin: f32, down: f32) -> (Vec3, Vec3) {
-    let (sin_s, cos_s) = libm::sincosf(spin);
-    let (sin_d, cos_d) = libm::sincosf(down);
-    let out = Vec3::new(sin_s, -cos_s, 0.0);
-    (out * sin_d + Vec3::Z * cos_d, Vec3::Z * sin_d - out * cos_d)
-}
-
-/// A place on an axis.
-struct Place {
-    axis: u32,
-    at: f32,
-    position: Vec3,
-    frame: Quat,
 }

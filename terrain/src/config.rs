@@ -43,15 +43,15 @@ table! {
         /// Rain that plants live on, m of water.
         rain: f64 = 0.8, in 0.0..=100.0;
         /// Share of the rain that the soil absorbs where it falls; the rest runs downhill.
-        absorbed: f64 = 0.3, in 0.0..=1.0;
+        absorbed: f64 = 0.2, in 0.0..=1.0;
         /// Water that level soil holds when saturated, m.
         capacity: f64 = 0.5, in 0.001..=100.0;
         /// Way on which running water loses all but 1/e of itself to the soil, m.
-        seepage: f64 = 60.0, in 0.01..=1000000.0;
+        seepage: f64 = 80.0, in 0.01..=1000000.0;
         /// Distance over which soil water evens out sideways (standard deviation), m.
         spread: f64 = 2.0, in 0.0..=1000.0;
         /// Height above open water at which its wetting of the soil has fallen to 1/e, m.
-        fringe: f64 = 0.5, in 0.0..=1000.0;
+        fringe: f64 = 0.8, in 0.0..=1000.0;
         /// Distance from open water at which its wetting of the soil ends, m.
         fringe_reach: f64 = 25.0, in 0.0..=10000.0;
         /// Whether rain that collects in hollows stands there as water.
@@ -63,11 +63,11 @@ impl Default for Water {
     fn default() -> Self {
         Self {
             rain: 0.8,
-            absorbed: 0.3,
+            absorbed: 0.2,
             capacity: 0.5,
-            seepage: 60.0,
+            seepage: 80.0,
             spread: 2.0,
-            fringe: 0.5,
+            fringe: 0.8,
             fringe_reach: 25.0,
             ponds: false,
         }
@@ -150,6 +150,101 @@ impl Detail {
                 Problem::at(self.cell.span, "a detail's cell must be smaller than the terrain's")
                     .hint(format!("the terrain has cells of {} m", cell.unwrap_or_default())),
             );
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use weald_contract::{FromToml, Value};
+
+    fn read(text: &str) -> Result<Config, Problems> {
+        let mut problems = Vec::new();
+        let config = Config::from_toml(&Value::parse(0, text)?, &mut problems);
+        config.ok_or(problems)
+    }
+
+    /// The texts that problems point at, and what they say.
+    fn complaints(text: &str, views: &[View]) -> Vec<(String, String)> {
+        let problems = read(text).map_or_else(|problems| problems, |config| config.check(views));
+        let token = |problem: &Problem| {
+            let span = problem.span.unwrap_or_default();
+            text[span.start as usize..span.end as usize].to_string()
+        };
+        problems.iter().map(|problem| (token(problem), problem.to_string())).collect()
+    }
+
+    #[test]
+    fn an_empty_water_table_is_the_default_one() {
+        let config = read("source = \"dem.tif\"\nwater = {}").unwrap();
+        assert_eq!(config.water, Water::default());
+    }
+
+    #[test]
+    fn a_mask_may_be_one_table_or_a_list_and_its_images_are_inputs() {
+        let config = read(
+            "source = \"dem.tif\"\n[[op]]\nop = \"offset\"\nby = 1\nmask = [{ image = \"a.png\" }, \
+             { slope_deg = [4, 90], falloff = 2 }]\n[[op]]\nop = \"flatten\"\naltitude = 3\n\
+             mask = { image = \"b.png\" }",
+        )
+        .unwrap();
+        let inputs: Vec<(String, String)> =
+            config.inputs().into_iter().map(|input| (input.field, input.path.value)).collect();
+        let expected = [
+            ("terrain.source", "dem.tif"),
+            ("terrain.op[0].mask.image", "a.png"),
+            ("terrain.op[1].mask.image", "b.png"),
+        ];
+        assert_eq!(inputs, expected.map(|(field, path)| (field.to_string(), path.to_string())));
+    }
+
+    #[test]
+    fn every_mistake_is_told_at_its_own_token() {
+        let ops = [
+            ("op = \"nois\"\n", "\"nois\"", "did you mean `noise`?"),
+            ("op = \"smooth\"\nradius = -1\n", "-1", "allowed: 0 to 10000"),
+            ("op = \"offset\"\nby = 1\nmask = { slope_deg = [40, 4] }\n", "[40, 4]", "lower end"),
+            (
+                "op = \"offset\"\nby = 1\nmask = { slope_dge = [4, 9] }\n",
+                "slope_dge",
+                "`slope_deg`",
+            ),
+            ("op = \"offset\"\nby = 1\nmask = { formula = \"slpoe > 3\" }\n", "slpoe", "slope"),
+            (
+                "op = \"offset\"\nby = 1\nmask = { polygon = [[0, 0], [1, 1]] }\n",
+                "[[0, 0], [1, 1]]",
+                "3",
+            ),
+            ("op = \"clamp\"\nlow = 5\nhigh = 4\n", "4", "`low`"),
+            ("op = \"lake\"\nat = [1, 2]\nlevel = 3\nmask = {}\n", "[1, 2]", "no mask"),
+            (
+                "op = \"stream\"\npoints = [[1, 1], [1, 1]]\nwidth = 1\ndepth = 1\n",
+                "[[1, 1], [1, 1]]",
+                "different points",
+            ),
+        ];
+        for (op, token, message) in ops {
+            let found = complaints(&format!("source = \"dem.tif\"\n[[op]]\n{op}"), &[]);
+            assert_eq!(found.len(), 1, "{op}: {found:?}");
+            assert_eq!(found[0].0, token, "{op}");
+            assert!(found[0].1.contains(message), "{op}: {}", found[0].1);
+        }
+    }
+
+    #[test]
+    fn a_detail_needs_its_view_and_smaller_cells() {
+        let text = "source = \"dem.tif\"\ncell = 1\n[[detail]]\nview = \"bakn\"\ncell = 2\n";
+        let found = complaints(text, &[]);
+        assert_eq!(found.len(), 2);
+        assert_eq!((found[0].0.as_str(), found[1].0.as_str()), ("\"bakn\"", "2"));
+    }
+
+    proptest::proptest! {
+        #[test]
+        fn no_table_makes_the_reader_panic(key in "[a-z_]{1,12}", value in "\\PC{0,40}") {
+            let text = format!("source = \"d\"\n[[op]]\nop = \"noise\"\n{key} = {value}");
+            let _ = read(&text).map(|config| config.check(&[]));
         }
     }
 }

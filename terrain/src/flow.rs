@@ -298,11 +298,11 @@ fn steepest_inside(width: usize, row: usize, level: &[f32], directions: &mut [u8
         let start = (row * width + 1).wrapping_add_signed(down * width as isize + right);
         let next = &level[start..][..inner];
         let per_distance = PER_DISTANCE[direction];
-        for i in 0..inner {
-            let fall = (center[i] - next[i]) * per_distance;
-            let is_steeper = fall > best[i];
-            best[i] = if is_steeper { fall } else { best[i] };
-            codes[i] = if is_steeper { direction as u32 } else { codes[i] };
+        let falls = center.iter().zip(next).map(|(here, there)| (here - there) * per_distance);
+        for ((fall, best), code) in falls.zip(&mut best).zip(&mut codes) {
+            let is_steeper = fall > *best;
+            *best = if is_steeper { fall } else { *best };
+            *code = if is_steeper { direction as u32 } else { *code };
         }
     }
     for (out, code) in directions[1..].iter_mut().zip(codes) {

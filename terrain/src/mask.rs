@@ -462,3 +462,110 @@ fn apply_formula(formula: &Formula, inputs: &[FormulaInput], row: &Row<'_>, valu
         *value *= if result.is_nan() { 0.0 } else { result.clamp(0.0, 1.0) };
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LATTICE: Lattice = Lattice { cell: 1.0, west: 0, south: 0, width: 20, height: 10 };
+
+    /// A mask's values on ground that rises 0.5 m a metre to the east, by cell.
+    fn values(text: &str) -> Vec<f32> {
+        let mut problems = Vec::new();
+        let mask = Mask::from_toml(&Value::parse(0, text).unwrap(), &mut problems);
+        assert_eq!(problems, []);
+        let images = BTreeMap::new();
+        let map = Map { frame: LATTICE.frame((0.0, 0.0)), images: &images };
+        let masks = Masks(vec![mask.unwrap()]).prepare(&map, LATTICE.cell).unwrap();
+        let altitude: Vec<f32> =
+            (0..LATTICE.len()).map(|i| 0.5 * LATTICE.x(i % LATTICE.width) as f32).collect();
+        let row = |row| {
+            let mut weights = vec![1.0; LATTICE.width];
+            apply(&masks, &Row { lattice: &LATTICE, altitude: &altitude, row }, &mut weights);
+            weights
+        };
+        (0..LATTICE.height).flat_map(row).collect()
+    }
+
+    /// Value at a point in scene coordinates.
+    fn at(values: &[f32], x: f64, y: f64) -> f32 {
+        let frame = LATTICE.frame((0.0, 0.0));
+        let (column, row) = frame.cell_at(x, y).unwrap();
+        values[frame.index(column, row)]
+    }
+
+    #[test]
+    fn bands_are_one_inside_and_half_in_the_middle_of_their_ramp() {
+        // atan(0.5) = 26.565 degrees everywhere.
+        assert!(values("slope_deg = [20, 30]").iter().all(|v| *v == 1.0));
+        assert!(values("slope_deg = [30, 40]").iter().all(|v| *v == 0.0));
+        let ramp = values("slope_deg = [28.565051, 40]\nfalloff = 4");
+        assert!(ramp.iter().all(|v| (v - 0.5).abs() < 1e-5));
+        let altitude = values("altitude = [4, 100]\nfalloff = 2");
+        assert_eq!([7.5, 5.5, 3.5].map(|x| at(&altitude, x, 5.0)), [0.957_031_25, 0.316_406_25, 0.0]);
+    }
+
+    #[test]
+    fn shapes_cover_their_inside_and_feather_outwards() {
+        let disc = values("disc = { at = [10, 5], radius = 2 }\nfeather = 4");
+        assert_eq!(at(&disc, 10.5, 5.5), 1.0);
+        assert!((0.0..1.0).contains(&at(&disc, 13.5, 5.5)) && at(&disc, 17.5, 5.5) == 0.0);
+        let rectangle = values("rectangle = [2, 3, 8, 6]");
+        let inside = |x: f64, y: f64| f32::from(x > 2.0 && x < 8.0 && y > 3.0 && y < 6.0);
+        let polygon = values("polygon = [[2, 3], [8, 3], [8, 6], [2, 6]]");
+        for (x, y) in (0..20).flat_map(|x| (0..10).map(move |y| (x as f64 + 0.5, y as f64 + 0.5))) {
+            assert_eq!(at(&rectangle, x, y), inside(x, y));
+            assert_eq!(at(&polygon, x, y), inside(x, y));
+        }
+        let line = values("line = { points = [[0, 5], [20, 5]], width = 2 }");
+        assert_eq!([5.5, 6.5].map(|y| at(&line, 9.0, y)), [1.0, 0.0]);
+    }
+
+    #[test]
+    fn conditions_multiply_and_the_whole_may_be_inverted() {
+        let both = values("rectangle = [0, 0, 10, 10]\naltitude = [2, 100]");
+        assert_eq!([1.5, 6.5, 12.5].map(|x| at(&both, x, 5.0)), [0.0, 1.0, 0.0]);
+        let inverted = values("rectangle = [0, 0, 10, 10]\naltitude = [2, 100]\ninvert = true");
+        assert!(both.iter().zip(&inverted).all(|(a, b)| a + b == 1.0));
+    }
+
+    #[test]
+    fn formulas_see_the_ground_and_are_held_between_zero_and_one() {
+        let formula = values("formula = \"altitude / 5\"");
+        assert_eq!([1.5, 5.5, 15.5].map(|x| at(&formula, x, 5.0)), [0.15, 0.55, 1.0]);
+        let slope = values("formula = \"if(slope > 26 and aspect == 270, y / 10, 1 / 0 - 1 / 0)\"");
+        assert_eq!(at(&slope, 3.0, 2.5), 0.25);
+    }
+
+    #[test]
+    fn an_image_covers_the_terrain_with_its_north_row_first_and_must_have_its_shape() {
+        let image = |width, height, frame| Image {
+            width,
+            height,
+            values: (0..width * height).map(|i| f32::from(i < width)).collect(),
+            is_float: false,
+            frame,
+        };
+        let frame = LATTICE.frame((500.0, 700.0));
+        let on_map = Frame { width: 4, height: 2, cell: 1.0, west: 504.0, south: 702.0 };
+        let images = BTreeMap::from([
+            ("fits".to_string(), image(4, 2, None)),
+            ("square".to_string(), image(2, 2, None)),
+            ("placed".to_string(), image(4, 2, Some(on_map))),
+        ]);
+        let map = Map { frame, images: &images };
+        let image = |name: &str| map.image(&Written { value: name.into(), ..Default::default() });
+        let (pixels, place) = image("fits").unwrap();
+        let value = |x: f64, y: f64| {
+            let (x, y) =
+                ((x + place.offset[0]) * place.scale[0], (y + place.offset[1]) * place.scale[1]);
+            place.pixels.sample(&pixels.values, x, y)
+        };
+        assert_eq!([value(10.0, 9.0), value(10.0, 5.0), value(10.0, 1.0)], [1.0, 0.5, 0.0]);
+        let problem = image("square").unwrap_err();
+        assert!(problem.to_string().contains("width / height must be 2.000"), "{problem}");
+        let (_, place) = image("placed").unwrap();
+        assert_eq!((place.offset, place.scale), ([-4.0, -2.0], [1.0, 1.0]));
+        assert!(image("absent").is_err());
+    }
+}

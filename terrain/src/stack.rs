@@ -246,3 +246,97 @@ impl Joined<'_> {
         after
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::collections::BTreeMap;
+    use weald_contract::{Frame, FromToml, Silent, Value};
+
+    const FRAME: Frame = Frame { width: 90, height: 70, cell: 1.0, west: 429_252.313, south: 77.7 };
+
+    const STACK: &str = r#"
+        source = "dem.tif"
+        [[op]]
+        op = "noise"
+        amplitude = 2
+        wavelength = 20
+        roughness_change = 1
+        [[op]]
+        op = "smooth"
+        radius = 1.3
+        mask = { slope_deg = [3, 90], falloff = 3 }
+        [[op]]
+        op = "stream"
+        points = [[5, 60], [40, 30], [85, 20]]
+        width = 3
+        depth = 1
+        falloff = 4
+        [[op]]
+        op = "terrace"
+        step = 2
+        strength = 0.5
+        mask = { formula = "slope / 20", noise = { wavelength = 15 } }
+    "#;
+
+    fn ground() -> Ground {
+        let z = |i: usize| {
+            let (x, y) = ((i % FRAME.width) as f64, (i / FRAME.width) as f64);
+            (380.0 + 0.1 * x + 3.0 * (0.1 * y).sin()) as f32
+        };
+        let altitude = (0..FRAME.len()).map(z).collect();
+        Ground { frame: FRAME, altitude, source: None, mended: 0 }
+    }
+
+    fn config(text: &str) -> Config {
+        Config::from_toml(&Value::parse(0, text).unwrap(), &mut Vec::new()).unwrap()
+    }
+
+    #[test]
+    fn a_tile_with_its_halo_has_the_bytes_of_the_whole() {
+        let (config, ground, images) = (config(STACK), ground(), BTreeMap::new());
+        let map = Map { frame: FRAME, images: &images };
+        let shaped = shape(&config, &ground, &map, Seed(3), &Silent).unwrap();
+        let whole = shaped.lattice;
+        for (west, south, width, height) in [(0, 0, 31, 17), (29, 16, 40, 40), (69, 50, 21, 20)] {
+            let tile = Lattice { cell: 1.0, west, south, width, height };
+            let wide = tile.grown(halo(&shaped.layers, 1.0), &whole);
+            assert!(wide.len() < whole.len());
+            let start = whole.crop(&ground.altitude, &wide);
+            let replayed = replay(&shaped, &wide, start, &map, &Silent).unwrap();
+            assert_eq!(wide.crop(&replayed, &tile), whole.crop(&shaped.altitude, &tile));
+        }
+    }
+
+    #[test]
+    fn a_named_operator_keeps_its_noise_when_others_come_before_it() {
+        let named = |before: &str| {
+            let noise = "[[op]]\nop = \"noise\"\nname = \"hills\"\namplitude = 1\nwavelength = 9\n";
+            let (config, ground) = (config(&format!("source = \"d\"\n{before}{noise}")), ground());
+            let images = BTreeMap::new();
+            let map = Map { frame: FRAME, images: &images };
+            shape(&config, &ground, &map, Seed(3), &Silent).unwrap().altitude
+        };
+        let nothing = "[[op]]\nop = \"offset\"\nby = 0\n";
+        assert_eq!(named(""), named(nothing));
+    }
+
+    #[test]
+    fn blending_keeps_the_higher_or_the_lower_and_masks_interpolate() {
+        let after = |text: &str| {
+            let (config, ground, images) = (config(text), ground(), BTreeMap::new());
+            let map = Map { frame: FRAME, images: &images };
+            shape(&config, &ground, &map, Seed(3), &Silent).unwrap().altitude
+        };
+        let before = ground().altitude;
+        let flat = "source = \"d\"\n[[op]]\nop = \"flatten\"\naltitude = 384\n";
+        assert!(after(flat).iter().all(|z| *z == 384.0));
+        let max = after(&format!("{flat}blend = \"max\""));
+        assert!(max.iter().zip(&before).all(|(z, was)| *z == was.max(384.0)));
+        let min = after(&format!("{flat}blend = \"min\""));
+        assert!(min.iter().zip(&before).all(|(z, was)| *z == was.min(384.0)));
+        let half = after(&format!("{flat}strength = 0.5"));
+        assert!(half.iter().zip(&before).all(|(z, was)| (z - 0.5 * (was + 384.0)).abs() < 1e-4));
+        assert_eq!(after(&format!("{flat}enabled = false")), before);
+    }
+}

@@ -5,6 +5,7 @@
 
 use std::collections::BTreeMap;
 use std::error::Error;
+use std::f64::consts::TAU;
 use std::io::Write;
 use std::sync::Arc;
 use weald_contract::instances::Instance;
@@ -119,7 +120,7 @@ fn tuft(seed: Seed, height: f32, blades: usize, rgb: [f32; 3], through: [f32; 3]
     let mut chance = seed.stream("tuft", 0);
     let mut mesh = Mesh { material: 0, ..Mesh::default() };
     for _ in 0..blades {
-        let (sin, cos) = chance.range(0.0, 6.28).sin_cos();
+        let (sin, cos) = chance.range(0.0, TAU).sin_cos();
         let (foot, lean) = (chance.range(0.0, 0.05), chance.range(0.05, 0.6));
         let length = f64::from(height) * chance.range(0.5, 1.0);
         let base = mesh.positions.len() as u32;
@@ -192,7 +193,7 @@ fn instances(terrain: &Layers, seed: Seed) -> Instances {
     for group in 10..14 {
         for plant_id in 0..16 {
             let position = [chance.unit() - 0.5, chance.unit() - 0.5, -0.01];
-            let rotation = turned(chance.range(0.0, 6.28));
+            let rotation = turned(chance.range(0.0, TAU));
             let scale = chance.range(0.6, 1.3) as f32;
             let prototype = if chance.unit() < 0.7 { 5 } else { 6 };
             table.push(Instance { group, prototype, plant_id, position, rotation, scale });
@@ -223,14 +224,14 @@ fn instances(terrain: &Layers, seed: Seed) -> Instances {
         if (-0.35..0.12).contains(&shore) && chance.unit() < 0.75 {
             for _ in 0..5 {
                 let (dx, dy) = (chance.around(0.0, 0.5), chance.around(0.0, 0.5));
-                plant(7, x + dx, y + dy, turned(chance.range(0.0, 6.28)), chance.range(0.6, 1.1));
+                plant(7, x + dx, y + dy, turned(chance.range(0.0, TAU)), chance.range(0.6, 1.1));
             }
         }
         let from_middle = ((x - 80.0).powi(2) + (y - 84.0).powi(2)).sqrt();
         let wood = if from_middle > 30.0 { 0.09 } else { 0.004 };
         let is_view = (x - 80.0).abs() < 12.0 && y < 75.0;
         if depth <= 0.0 && !is_view && chance.unit() < wood {
-            let turn = turned(chance.range(0.0, 6.28));
+            let turn = turned(chance.range(0.0, TAU));
             plant(1 + chance.below(4) as u32, x, y, turn, chance.range(0.7, 1.15));
         }
     }

@@ -129,9 +129,9 @@ impl Lanes for Portable {
         let mut hits = LaneHits { mask: 0, t: [0.0; 8] };
         for lane in 0..8 {
             let (mut near, mut far) = (0.0f32, limit);
-            for axis in 0..3 {
-                let enter = (node.planes[ray.near[axis]][lane] - o[axis]) * ray.inverse[axis];
-                let leave = (node.planes[ray.far[axis]][lane] - o[axis]) * ray.inverse[axis];
+            for (axis, origin) in o.into_iter().enumerate() {
+                let enter = (node.planes[ray.near[axis]][lane] - origin) * ray.inverse[axis];
+                let leave = (node.planes[ray.far[axis]][lane] - origin) * ray.inverse[axis];
                 near = if enter > near { enter } else { near };
                 far = if leave < far { leave } else { far };
             }
@@ -220,8 +220,8 @@ mod avx2 {
     fn boxes(node: &Node, ray: &LocalRay, limit: f32) -> LaneHits {
         let o = ray.origin.to_array();
         let (mut near, mut far) = (_mm256_setzero_ps(), _mm256_set1_ps(limit));
-        for axis in 0..3 {
-            let origin = _mm256_set1_ps(o[axis]);
+        for (axis, origin) in o.into_iter().enumerate() {
+            let origin = _mm256_set1_ps(origin);
             let inverse = _mm256_set1_ps(ray.inverse[axis]);
             let enter = _mm256_sub_ps(load(&node.planes[ray.near[axis]]), origin);
             let leave = _mm256_sub_ps(load(&node.planes[ray.far[axis]]), origin);

@@ -156,22 +156,23 @@ impl Levels {
     pub fn place(&self, root: u32, hit: &Hit) -> Place {
         let mut chain = [None; MAX_DEPTH];
         let (mut level, mut plant) = (root, 0);
-        for depth in 0..hit.depth as usize {
+        let steps = chain.iter_mut().zip(hit.path).take(hit.depth as usize);
+        for (number, (step, index)) in steps.enumerate() {
             let Content::Group { instances, plants } = &self.list[level as usize].content else {
                 break;
             };
-            let index = hit.path[depth] as usize;
-            if depth == 0 {
-                plant = plants[index];
+            let instance = &instances[index as usize];
+            if number == 0 {
+                plant = plants[index as usize];
             }
-            chain[depth] = Some(&instances[index]);
-            level = instances[index].level;
+            *step = Some(instance);
+            level = instance.level;
         }
         let mesh = &self.list[hit.level as usize];
         let (face, edges) = mesh.triangle(hit.triangle);
         let out = |normal: Vec3| {
-            let turn = |normal: Vec3, instance: &&Instance| instance.turn(normal);
-            let turned = chain.iter().flatten().rev().fold(normal, |n, i| turn(n, i));
+            let inner_first = chain.iter().flatten().rev();
+            let turned = inner_first.fold(normal, |normal, instance| instance.turn(normal));
             turned.normalize_or(Vec3::Z)
         };
         Place {

@@ -206,9 +206,21 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> parquet::errors::Result<T>) ->
     })
 }
 
+/// Turns panics of the third-party reader into errors.
+///
+/// Version 60.1 panics on some damaged pages and footers: a dictionary page that is missing, a
+/// byte-stream split of odd length, a negative column size (`tests/hostile.rs` finds them).
+fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T>) -> Result<T> {
+    // What the closure owned is dropped, so no half-changed value is seen afterwards.
+    std::panic::catch_unwind(std::panic::AssertUnwindSafe(read)).unwrap_or_else(|_| {
+        let message = "this is not a readable Parquet file: its parts contradict each other";
+        Err(Error::invalid(path, message, "the file is damaged"))
+    })
+}
+
 /// Reads what the file says beside its rows; texts that are not JSON are left out.
 pub(crate) fn read_metadata(path: &Path) -> Result<Metadata> {
-    Ok(metadata_of(&open(path)?))
+    contained(path, || Ok(metadata_of(&open(path)?)))
 }
 
 fn metadata_of(reader: &SerializedFileReader<File>) -> Metadata {
@@ -221,6 +233,10 @@ fn metadata_of(reader: &SerializedFileReader<File>) -> Metadata {
 
 /// Reads all columns of numbers and words, and what stands beside them.
 pub(crate) fn read(path: &Path) -> Result<(Table, Metadata)> {
+    contained(path, || read_unguarded(path))
+}
+
+fn read_unguarded(path: &Path) -> Result<(Table, Metadata)> {
     let reader = open(path)?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
     let rows = rows_of(path, &reader)?;

@@ -85,13 +85,13 @@ fn specimens() -> Vec<Specimen> {
     vec![
         specimen("tif", data("point_i16_lzw.tif"), TIFF),
         specimen("tif", data("big_f64_strips.tif"), TIFF),
-        specimen("parquet", population, PARQUET),
-        specimen("parquet", table, PARQUET),
-        specimen("parquet", data("geopandas_plants.parquet"), PARQUET),
         specimen("exr", picture, EXR),
         specimen("exr", data("luminance.exr"), EXR),
         specimen("png", png, PNG),
         specimen("glb", b"glTF\x02\0\0\0".to_vec(), GLB),
+        specimen("parquet", table, PARQUET),
+        specimen("parquet", population, PARQUET),
+        specimen("parquet", data("geopandas_plants.parquet"), PARQUET),
     ]
 }
 
@@ -158,11 +158,11 @@ proptest! {
 }
 
 #[test]
-#[ignore = "a minute of damage at every byte; run by hand or nightly"]
+#[ignore = "damage at every byte takes minutes; run by hand or nightly"]
 fn every_byte_may_be_wrong() {
     for specimen in SPECIMENS.iter() {
         for index in 0..specimen.bytes.len() {
-            for value in [0x00, 0x01, 0x7F, 0x80, 0xFF] {
+            for value in [0x00, 0xFF] {
                 let mut bytes = specimen.bytes.clone();
                 bytes[index] = value;
                 read_all(specimen, &bytes);
@@ -173,7 +173,7 @@ fn every_byte_may_be_wrong() {
 
 #[test]
 fn a_picture_that_promises_a_trillion_samples_is_refused_before_they_are_allocated() {
-    let specimen = &SPECIMENS[5];
+    let specimen = SPECIMENS.iter().find(|specimen| specimen.ending == "exr").unwrap();
     let mut bytes = specimen.bytes.clone();
     // The data window stands behind its name and type: four numbers, the last two its far corner.
     let mark = b"dataWindow\0box2i\0";

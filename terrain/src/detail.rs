@@ -12,7 +12,7 @@ use crate::lattice::Lattice;
 use crate::mask::Map;
 use crate::resample::{bicubic, by_row};
 use crate::spline::smoothstep;
-use crate::stack::{Shaped, halo, replay, sample};
+use crate::stack::{Shaped, check_finite, halo, replay, sample};
 use crate::stream::Channel;
 use crate::water::{self, Hydrology};
 use weald_contract::{Layers, Problem, Progress, View};
@@ -49,7 +49,7 @@ impl Patches<'_> {
     ) -> Result<Vec<Layers>, Error> {
         let Self { ground, shaped, .. } = self;
         progress.begin("detail", config.detail.len() as u64, "patches");
-        let spread_level = spread_level(&shaped.lattice, &water.level);
+        let spread_level = spread_level(&shaped.lattice, &water.standing);
         let patch = |detail: &Detail| {
             let lattice = patch_lattice(detail, &shaped.lattice, self.views)?;
             let altitude = self.altitude(detail, &lattice, progress)?;
@@ -82,6 +82,7 @@ impl Patches<'_> {
         }
         let start = source_at(&wide, ground);
         let fine = wide.crop(&replay(shaped, &wide, start, map, progress)?, lattice);
+        check_finite(&fine, detail.view.span)?;
         let coarse = sample(whole, &shaped.altitude, lattice);
         Ok(fade(detail, lattice, &bounds, whole.cell, &fine, &coarse))
     }
@@ -161,7 +162,7 @@ fn fade(
     })
 }
 
-/// Levels of open water, each also on the eight cells around it: on finer ground the shore may
+/// Levels of standing water, each also on the eight cells around it: on finer ground the shore may
 /// lie in a neighbour of a flooded cell.
 fn spread_level(lattice: &Lattice, level: &[f32]) -> Vec<f32> {
     let Lattice { width, height, .. } = *lattice;
@@ -195,7 +196,7 @@ fn levels(
                 .cell_at(lattice.x(column), lattice.y(row))
                 .map_or(f32::NAN, |(column, row)| spread_level[frame.index(column, row)]);
             let running = running[row * lattice.width + column];
-            *out = if running.is_nan() { standing } else { running };
+            *out = running.max(standing);
         }
     })
 }

@@ -502,7 +502,10 @@ mod tests {
         let ramp = values("slope_deg = [28.565051, 40]\nfalloff = 4");
         assert!(ramp.iter().all(|v| (v - 0.5).abs() < 1e-5));
         let altitude = values("altitude = [4, 100]\nfalloff = 2");
-        assert_eq!([7.5, 5.5, 3.5].map(|x| at(&altitude, x, 5.0)), [0.957_031_25, 0.316_406_25, 0.0]);
+        assert_eq!(
+            [7.5, 5.5, 3.5].map(|x| at(&altitude, x, 5.0)),
+            [0.957_031_25, 0.316_406_25, 0.0]
+        );
     }
 
     #[test]

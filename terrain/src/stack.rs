@@ -16,7 +16,7 @@ use crate::stream::Channel;
 use crate::{Error, check_cancelled};
 use rayon::prelude::*;
 use weald_contract::table::Tagged;
-use weald_contract::{Problem, Progress, Seed};
+use weald_contract::{Problem, Progress, Seed, Span};
 
 /// Ground after the last operator, and what is needed to shape finer patches of it alike.
 pub(crate) struct Shaped<'a> {
@@ -68,16 +68,16 @@ pub(crate) fn shape<'a>(
         }
         progress.advance(1);
     }
-    check_finite(config, &altitude)?;
+    check_finite(&altitude, config.source.span)?;
     Ok(Shaped { lattice, altitude, lakes, layers })
 }
 
 /// Factors may multiply up to heights that single precision does not hold.
-fn check_finite(config: &Config, altitude: &[f32]) -> Result<(), Problem> {
+pub(crate) fn check_finite(altitude: &[f32], span: Span) -> Result<(), Problem> {
     if altitude.iter().all(|z| z.is_finite()) {
         return Ok(());
     }
-    Err(Problem::at(config.source.span, "the operators raise the ground beyond all numbers")
+    Err(Problem::at(span, "the operators raise the ground beyond all numbers")
         .hint("look for a large `factor` or `amplitude`"))
 }
 

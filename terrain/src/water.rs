@@ -22,6 +22,8 @@ pub(crate) struct Hydrology {
     pub flood: Flood,
     /// Level of the open water on each cell; NaN where there is none.
     pub level: Vec<f32>,
+    /// The same of lakes and ponds alone, which are level where streams fall.
+    pub standing: Vec<f32>,
     /// Area that drains through each cell, m².
     pub upslope_area: Vec<f32>,
     /// Wetness of the soil, 0 dry to 1 saturated.
@@ -46,12 +48,13 @@ pub(crate) fn settle(
     progress.advance(1);
     check_cancelled(progress)?;
 
-    let mut level = stream_levels(shaped);
-    let mut is_lake = vec![false; level.len()];
+    let mut standing = vec![f32::NAN; shaped.altitude.len()];
     for lake in &shaped.lakes {
-        let cells = fill_lake(lake, &shaped.lattice, &shaped.altitude, &flood, &mut level)?;
-        cells.iter().for_each(|&cell| is_lake[cell as usize] = true);
+        fill_lake(lake, &shaped.lattice, &shaped.altitude, &flood, &mut standing)?;
     }
+    let is_lake: Vec<bool> = standing.iter().map(|level| !level.is_nan()).collect();
+    let running = stream_levels(shaped);
+    let level = higher(&running, &standing);
     let soaked = soak(&config.water, shaped, &is_lake, &level);
     progress.advance(1);
     check_cancelled(progress)?;
@@ -59,11 +62,13 @@ pub(crate) fn settle(
     let moisture = soaked.soil_water.iter().map(|water| water / config.water.capacity as f32);
     let moisture: Vec<f32> = moisture.collect();
     if config.water.ponds {
-        let ponds = soaked.ponded.iter().zip(&shaped.altitude).zip(level.iter_mut());
-        for ((depth, ground), level) in ponds.filter(|((depth, _), _)| **depth > 0.0) {
-            *level = if level.is_nan() { ground + depth } else { *level + depth };
+        let ponds = soaked.ponded.iter().zip(&shaped.altitude).zip(&level).zip(&mut standing);
+        for (((depth, ground), level), standing) in ponds.filter(|(((d, _), _), _)| **d > 0.0) {
+            // A pond may have risen over a stream; `max` passes NaN over.
+            *standing = standing.max(ground.max(*level) + depth);
         }
     }
+    let level = higher(&running, &standing);
     let soil_moisture = wet_shores(&config.water, shaped, &level, moisture);
     progress.advance(1);
     let area = cell * cell;
@@ -75,7 +80,12 @@ pub(crate) fn settle(
         lakes: lakes * area,
         outflow: outflow * area,
     };
-    Ok(Hydrology { flood, level, upslope_area, soil_moisture, balance })
+    Ok(Hydrology { flood, level, standing, upslope_area, soil_moisture, balance })
+}
+
+/// The higher of two levels, either of which may be NaN for no water.
+fn higher(a: &[f32], b: &[f32]) -> Vec<f32> {
+    a.iter().zip(b).map(|(a, b)| a.max(*b)).collect()
 }
 
 /// Levels of the water in streams; NaN elsewhere.
@@ -110,40 +120,36 @@ pub(crate) fn channel_levels(
     })
 }
 
-/// Lets water stand in the hollow around a lake's point; gives the cells under it.
+/// Lets water stand in the hollow around a lake's point.
 fn fill_lake(
     lake: &Lake,
     lattice: &Lattice,
     altitude: &[f32],
     flood: &Flood,
-    level: &mut [f32],
-) -> Result<Vec<u32>, Problem> {
+    standing: &mut [f32],
+) -> Result<(), Problem> {
     let start = lake_cell(lake, lattice, altitude, flood)?;
     let surface = lake.level.value as f32;
-    let mut cells = vec![start as u32];
+    let mut reached = vec![start];
     let mut is_reached = vec![false; altitude.len()];
     is_reached[start] = true;
-    let mut next = 0;
     // No cell of the rim is reached: the lake's level does not spill.
-    while let Some(&cell) = cells.get(next) {
-        next += 1;
-        if level[cell as usize] > surface {
-            let message = format!(
-                "a lake or stream with its level at {:.2} m already stands in this hollow",
-                level[cell as usize]
-            );
+    while let Some(cell) = reached.pop() {
+        if !standing[cell].is_nan() && standing[cell] != surface {
+            let message =
+                format!("a lake with its level at {} m stands in this hollow", standing[cell]);
             return Err(Problem::at(lake.level.span, message).hint("give both the same level"));
         }
-        level[cell as usize] = surface;
+        standing[cell] = surface;
         for direction in 0..8 {
-            let beside = flow::neighbor(cell as usize, direction, lattice.width);
+            let beside = flow::neighbor(cell, direction, lattice.width);
             if !is_reached[beside] && altitude[beside] < surface {
                 is_reached[beside] = true;
-                cells.push(beside as u32);
+                reached.push(beside);
             }
         }
     }
-    Ok(cells)
+    Ok(())
 }
 
 /// The cell of a lake's point, if water can stand there up to the lake's level.

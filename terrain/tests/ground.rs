@@ -168,6 +168,19 @@ fn water_a_lake_cannot_hold_is_refused_with_the_level_it_can() {
 }
 
 #[test]
+fn two_levels_in_one_hollow_are_refused_and_a_stream_may_enter_a_lake() {
+    let lakes = "source = \"d\"\n[[op]]\nop = \"lake\"\nat = [50, 60]\nlevel = 97\n\
+                 [[op]]\nop = \"lake\"\nat = [55, 60]\nlevel = 97.5";
+    let (token, message) = problem(lakes, &raster());
+    assert_eq!(token, "97.5");
+    assert!(message.contains("97 m"), "{message}");
+    let layers = terrain(SCENE).unwrap();
+    let depth = |x, y| layers.sample("water_depth", FRAME.west + x, FRAME.south + y).unwrap();
+    assert!((depth(30.0, 40.0) - 0.1).abs() < 0.05, "{}", depth(30.0, 40.0));
+    assert!(depth(50.0, 60.0) > 1.0);
+}
+
+#[test]
 fn a_patch_meets_the_terrain_at_its_border_and_has_more_detail_inside() {
     let layers = terrain(SCENE).unwrap();
     let patch = &layers.detail[0];

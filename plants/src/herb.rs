@@ -308,3 +308,53 @@ impl Flowers<'_> {
         self.skeleton.organs.push(PlacedOrgan { prototype, axis, position, rotation, scale });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use weald_contract::{FromToml, Value};
+
+    fn grown(text: &str, maturity: f32, vigor: f32) -> Skeleton {
+        let herb = Herb::from_toml(&Value::parse(0, text).unwrap(), &mut Vec::new()).unwrap();
+        let height = 0.8 * maturity;
+        herb.grow(&Stature { height, radius: 0.2, stem_radius: 0.003, maturity, vigor }, Seed(4))
+    }
+
+    fn organs(skeleton: &Skeleton, name: &str) -> usize {
+        let is_named = |organ: &&PlacedOrgan| {
+            skeleton.prototypes[organ.prototype as usize].name.starts_with(name)
+        };
+        skeleton.organs.iter().filter(is_named).count()
+    }
+
+    #[test]
+    fn a_mature_herb_has_all_leaves_and_heads() {
+        let herb = grown("stems = 3\nleaves = 8\nheads = 2", 1.0, 1.0);
+        assert_eq!((organs(&herb, "leaf"), organs(&herb, "flower")), (24, 6));
+    }
+
+    #[test]
+    fn every_blossom_of_a_plume_finds_its_place() {
+        for heads in [1, 8, 9, 10, 50] {
+            let text = format!("stems = 1\nleaves = 0\nflower = \"plume\"\nheads = {heads}");
+            assert_eq!(organs(&grown(&text, 1.0, 1.0), "blossom"), heads);
+        }
+    }
+
+    #[test]
+    fn young_herbs_have_leaves_but_no_flowers() {
+        let herb = grown("stems = 1\nleaves = 8\nheads = 2", 0.3, 1.0);
+        assert!(organs(&herb, "leaf") > 0);
+        assert_eq!(organs(&herb, "flower"), 0);
+    }
+
+    #[test]
+    fn a_head_is_as_wide_as_asked_for() {
+        let text = "stems = 1\nleaves = 0\nhead_radius = 0.05\npetal_rise = 0";
+        let herb = grown(text, 1.0, 1.0);
+        let flower = herb.prototypes.iter().find(|p| p.name == "flower").unwrap();
+        let points = flower.meshes.iter().flat_map(|mesh| &mesh.positions);
+        let radius = points.map(|p| p[0].hypot(p[2])).fold(0.0, f32::max);
+        assert!((radius - 0.05).abs() < 0.005, "{radius}");
+    }
+}

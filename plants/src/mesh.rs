@@ -89,7 +89,7 @@ fn transport(nodes: &[Node], first_normal: Vec3, path: &mut Vec<Station>) {
 }
 
 /// Number of sides for a ring of this radius: the fewest whose sagitta `r (1 - cos(pi / n))`
-/// stays below [`SAG`].
+/// stays below a quarter of a centimetre.
 pub fn side_count(radius: f32) -> usize {
     if radius <= SAG {
         return SIDES.0;

@@ -251,3 +251,41 @@ impl Reed {
 fn blade(t: f32) -> f32 {
     (0.5 + 3.0 * t).min(1.0) * (1.0 - t)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use weald_contract::{FromToml, Value};
+
+    fn grown(text: &str, maturity: f32) -> Skeleton {
+        let reed = Reed::from_toml(&Value::parse(0, text).unwrap(), &mut Vec::new()).unwrap();
+        let height = 2.0 * maturity;
+        let stature = Stature { height, radius: 0.4, stem_radius: 0.005, maturity, vigor: 1.0 };
+        reed.grow(&stature, Seed(4))
+    }
+
+    fn count(skeleton: &Skeleton, kind: AxisKind) -> usize {
+        skeleton.axes.iter().filter(|axis| axis.kind == kind).count()
+    }
+
+    #[test]
+    fn a_mature_reed_without_head_has_its_stems_and_leaves_and_nothing_else() {
+        let reed = grown("stems = 4\nleaves = 6\nhead = \"none\"", 1.0);
+        assert_eq!((count(&reed, AxisKind::Stem), count(&reed, AxisKind::Blade)), (4, 24));
+        assert!(reed.axes.iter().filter(|a| a.kind == AxisKind::Blade).all(|a| a.parent.is_some()));
+    }
+
+    #[test]
+    fn reeds_flower_only_when_nearly_grown() {
+        let text = "stems = 1\nleaves = 0\nhead = \"cattail\"";
+        assert_eq!(count(&grown(text, 0.5), AxisKind::Stem), 1);
+        assert_eq!(count(&grown(text, 1.0), AxisKind::Stem), 2);
+    }
+
+    #[test]
+    fn leaves_begin_within_their_zone() {
+        let reed = grown("stems = 2\nleaves = 9\nleaf_zone = [0.3, 0.6]\nhead = \"none\"", 1.0);
+        let blades = reed.axes.iter().filter(|axis| axis.kind == AxisKind::Blade);
+        assert!(blades.map(|axis| axis.at).all(|at| (0.3..=0.6).contains(&at)));
+    }
+}

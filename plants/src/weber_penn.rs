@@ -2,7 +2,8 @@
 //!
 //! A tree has up to four levels of stems; each level has its own angles, curvature, splits and
 //! taper, and the last bears the leaves. This file holds the parameters, [`formula`] the
-//! published equations, [`stem`] the shape of one stem with its clones, [`tree`] the whole.
+//! published equations, `stem` the shape of one stem with its clones, `tree` how stems make a
+//! tree, `leaves` and `scar` what they bear.
 //!
 //! Where we depart from the paper:
 //! - `Scale` is the height of the plant that is asked for, the trunk's radius follows the

@@ -303,3 +303,74 @@ pub(super) fn radius_at(form: &WeberPenn, level: &Level, bud: &Bud, z: f32) -> f
     let flare = if bud.level == 0 { formula::flare(form.flare, z) } else { 1.0 };
     (radius * flare).max(0.02 * bud.radius)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use weald_contract::{FromToml, Value};
+
+    fn form(trunk: &str) -> WeberPenn {
+        let text =
+            format!("{trunk}\n[[level]]\ncurve_res = 8\ncurve_v_deg = 40\n[leaf]\ncount = 0");
+        WeberPenn::from_toml(&Value::parse(0, &text).unwrap(), &mut Vec::new()).unwrap()
+    }
+
+    fn bud() -> Bud {
+        Bud {
+            id: 5,
+            level: 0,
+            parent: None,
+            position: Vec3::ZERO,
+            frame: Quat::IDENTITY,
+            length: 4.0,
+            radius: 0.1,
+            offset: 1.0,
+            relative: 1.0,
+            presence: 1.0,
+        }
+    }
+
+    #[test]
+    fn the_smooth_stem_passes_through_its_joints() {
+        let form = form("");
+        let pieces = pieces(&form, &form.level.value[0], &bud(), Seed(3));
+        assert_eq!(pieces.len(), 1);
+        for (i, joint) in pieces[0].points.iter().enumerate() {
+            let on_curve = pieces[0].point(i as f32 / 8.0, 8, 0);
+            assert!(on_curve.distance(*joint) < 1e-5);
+        }
+    }
+
+    #[test]
+    fn segments_are_all_equally_long() {
+        let form = form("");
+        let piece = pieces(&form, &form.level.value[0], &bud(), Seed(3)).remove(0);
+        for pair in piece.points.windows(2) {
+            assert!((pair[0].distance(pair[1]) - 0.5).abs() < 1e-5);
+        }
+    }
+
+    #[test]
+    fn base_splits_fork_at_the_end_of_the_first_segment() {
+        let form = form("base_splits = 2");
+        let pieces = pieces(&form, &form.level.value[0], &bud(), Seed(3));
+        assert_eq!(pieces.len(), 3);
+        for clone in &pieces[1..] {
+            assert_eq!((clone.first, clone.from), (1, Some(0)));
+            assert_eq!(clone.points[0], pieces[0].points[1]);
+            assert!(!clone.covers(0.1, 8) && clone.covers(0.2, 8));
+            assert!((clone.own_fraction(1.0, 8) - 1.0).abs() < 1e-6);
+        }
+    }
+
+    #[test]
+    fn a_flared_trunk_gets_nodes_near_the_ground_and_a_foot_below_it() {
+        let form = form("flare = 1");
+        let level = &form.level.value[0];
+        let piece = pieces(&form, level, &bud(), Seed(3)).remove(0);
+        let nodes = piece.nodes(&form, level, &bud());
+        assert!(nodes[0].position.z < 0.0 && nodes[1].position == Vec3::ZERO);
+        assert!(nodes.windows(2).all(|pair| pair[0].position.z < pair[1].position.z));
+        assert!((nodes[1].radius - 0.1 * 1.99).abs() < 1e-3);
+    }
+}

@@ -398,11 +398,31 @@ pub struct Export {
 
 /// `weald bench`.
 #[derive(Debug, ClapArgs)]
-#[command(after_long_help = "Example:\n  weald bench --json > bench.json")]
+#[command(
+    after_long_help = "Examples:\n  weald bench --json > bench.json\n  weald bench --only terrain --input dem.tif --repeat 1"
+)]
 pub struct Bench {
     /// Smaller inputs: about five seconds in all.
     #[arg(long)]
     pub quick: bool,
+    /// Measure one stage only: terrain, ecosim, quantize, plants or render.
+    #[arg(long, value_name = "STAGE", value_parser = stage)]
+    pub only: Option<weald_run::Stage>,
+    /// Size of that stage's input: cells along a side, plants, rows, trees to grow, trees to see.
+    #[arg(long, value_name = "NUMBER", requires = "only", value_parser = clap::value_parser!(u32).range(1..=100_000_000))]
+    pub size: Option<u32>,
+    /// Measure that stage on a file: an elevation model, a table of x, y, radius, or of numbers.
+    #[arg(long, value_name = "FILE", requires = "only", value_hint = ValueHint::FilePath)]
+    pub input: Option<PathBuf>,
+    /// Runs of which the fastest counts.
+    #[arg(long, value_name = "NUMBER", default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub repeat: u32,
+}
+
+/// A stage by its one word.
+fn stage(word: &str) -> Result<weald_run::Stage, String> {
+    let found = weald_run::Stage::ALL.into_iter().find(|stage| stage.word() == word);
+    found.ok_or_else(|| "the stages are terrain, ecosim, quantize, plants and render".to_string())
 }
 
 /// `weald completions`.

@@ -61,7 +61,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             Ok(ExitCode::SUCCESS)
         }
         Command::Bench(arguments) => {
-            let figures = bench::bench(arguments.quick)?;
+            let figures = bench::bench(&bench::Request {
+                quick: arguments.quick,
+                only: arguments.only,
+                size: arguments.size,
+                input: arguments.input.clone(),
+                repeat: Some(arguments.repeat),
+            })?;
             tell(&figures, &figures.to_string(), global);
             Ok(ExitCode::SUCCESS)
         }

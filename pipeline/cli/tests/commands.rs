@@ -42,10 +42,12 @@ fn a_second_run_does_nothing_and_a_change_runs_what_it_touches() {
 
     // The picture's own fields and the light concern nobody else.
     assert_eq!(ran(&tiny.done("run scene -o out --json --set render.samples=3").out), ["render"]);
-    assert_eq!(
-        ran(&tiny.done("run scene -o out --json --set sky.sun_elevation_deg=20").out),
-        ["render"]
-    );
+    for set in ["sky.sun_elevation_deg=20", "view[0].look_at=[30,40]", "view[0].fov_deg=30"] {
+        assert_eq!(
+            ran(&tiny.done(&format!("run scene -o out --json --set {set}")).out),
+            ["render"]
+        );
+    }
     let all = ran(&tiny.done("run scene -o out --json --set ecosim.step[0].years=14").out);
     assert_eq!(all, ["ecosim", "quantize", "plants", "render"]);
     // Back to the scene as it stands: the same bytes as in the beginning.
@@ -235,6 +237,38 @@ fn a_new_scene_has_nothing_wrong_and_is_not_overwritten() {
     assert_eq!(tiny.weald("new fresh").code, 2);
     tiny.done("new placed --elevation scene/inputs/ground.asc");
     tiny.done("check placed");
+}
+
+#[test]
+fn a_table_of_points_is_analyzed() {
+    let tiny = Tiny::new();
+    tiny.done("run scene -o out");
+    let found =
+        tiny.done("analyze out/population.parquet --species aspen -o statistics --steps 16");
+    assert!(found.out.contains("Clark-Evans"), "{}", found.out);
+    for name in ["K", "L", "G", "pcf"] {
+        let table = tiny.read(&format!("statistics/{name}.csv"));
+        assert_eq!(table.lines().count(), 17, "{name}: a header and a row a distance");
+    }
+    let answer = tiny.weald("analyze out/population.parquet --species apsen");
+    assert_eq!(answer.code, 2);
+    assert!(answer.err.contains("aspen"), "{}", answer.err);
+    assert_eq!(tiny.weald("analyze out/deaths.parquet").code, 2);
+}
+
+#[test]
+fn the_bench_gives_a_figure_for_every_stage() {
+    let figures = Tiny::new().done("bench --quick --json").out;
+    let figures: serde_json::Value = serde_json::from_str(&figures).expect("JSON");
+    let units: Vec<&str> = figures["figures"]
+        .as_array()
+        .expect("figures")
+        .iter()
+        .map(|figure| figure["unit"].as_str().expect("a unit"))
+        .collect();
+    let wanted =
+        ["cells/s", "plant-steps/s", "points/s", "s", "triangles/s", "rays/s", "samples/s"];
+    assert!(wanted.iter().all(|unit| units.contains(unit)), "{units:?}");
 }
 
 #[test]

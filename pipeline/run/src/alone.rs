@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::make::{self, Growing, Made, Quantizing, RenderPaths, grow_one};
+use crate::parameters::{canonical, forms};
 use crate::recipe::Stage;
 use crate::scene::{self, Scene, SceneSpecies, load_species};
 use serde_json::json;
@@ -76,7 +77,7 @@ pub fn quantize(
     let species: BTreeMap<_, _> =
         species.into_iter().map(|(name, found)| (name, found.species)).collect();
     let sizes: BTreeMap<_, _> = species.iter().map(|(name, found)| (name, &found.size)).collect();
-    let parameters = json!({ "quantize": config, "species": sizes });
+    let parameters = json!({ "quantize": canonical(&config), "species": canonical(&sizes) });
     let seed = Seed(fields.seed).part(Stage::Quantize.word(), 0);
     let quantizing = Quantizing { config: &config, species: &species, seed, sources: &sources };
     quantizing.make(population, folder, story(Stage::Quantize, parameters, fields.seed), progress)
@@ -171,7 +172,8 @@ pub fn plant(species: &str, wanted: Wanted, file: &Path) -> Result<Made> {
     let seed = Seed(wanted.seed).part(Stage::Plants.word(), 0);
     let model = grow_one(&sources, form, size, &plant, seed)?;
     let parameters = json!({
-        "species": { "size": size, "form": form }, "age": wanted.age, "vigor": wanted.vigor,
+        "species": { "size": canonical(size), "form": canonical(form) },
+        "age": canonical(&wanted.age), "vigor": canonical(&wanted.vigor),
     });
     let story = story(Stage::Plants, parameters, wanted.seed);
     weald_formats::write_plant(file, &model, &story)?;
@@ -179,7 +181,7 @@ pub fn plant(species: &str, wanted: Wanted, file: &Path) -> Result<Made> {
     let sheet = crate::preview::contact_sheet(&[(model.name.clone(), &model)], PORTRAIT_SIDE);
     weald_formats::write_png(&preview, sheet.width, sheet.height, &sheet.rgb, &story)?;
     let report = json!({
-        "height": height,
+        "height": canonical(&height),
         "triangles": model.unique_triangles(),
         "instanced_triangles": model.instanced_triangles(),
     });
@@ -226,19 +228,6 @@ fn config_of<T: FromToml>(fields: &Fields, sources: &mut Sources) -> Result<T> {
         Some(config) if problems.is_empty() => Ok(config),
         _ => Err(Error::Wrong { sources: sources.clone().into(), problems }),
     }
-}
-
-/// What the models of a species are made from, for provenance.
-fn forms(species: &BTreeMap<String, SceneSpecies>) -> serde_json::Value {
-    let form = |(name, found): (&String, &SceneSpecies)| {
-        (name.clone(), json!({ "size": found.species.size, "form": found.form }))
-    };
-    species
-        .iter()
-        .filter(|(_, found)| found.form.is_some())
-        .map(form)
-        .collect::<serde_json::Map<_, _>>()
-        .into()
 }
 
 fn story(stage: Stage, parameters: serde_json::Value, seed: u64) -> Provenance {

@@ -3,22 +3,46 @@
 //! Every figure times one kernel on an input made here, without files, so that numbers of two
 //! machines or two versions can be compared. Each is the best of three runs: what disturbs a
 //! measurement only ever makes it slower.
+//!
+//! Comparisons with other programs measure one stage at a time, on data that both can read
+//! ([`Request::input`]), and read off the result as well as the time ([`Figure::result`]).
 
+mod clock;
+mod given;
+
+use crate::bench::clock::Stopwatch;
 use crate::error::{Error, Result};
 use crate::make::grow_one;
+use crate::recipe::Stage;
 use crate::scene::{SceneSpecies, load_species};
 use serde::Serialize;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::hint::black_box;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
 use weald_contract::{
     Crs, Frame, FromToml, Grid, Instances, Layers, Palette, PlantModel, Problem, Raster,
     Representative, Seed, Silent, Sources, Value, View, instances,
 };
 use weald_render::PrototypeSource;
+
+/// What to measure.
+#[derive(Clone, Debug, Default)]
+pub struct Request {
+    /// Smaller inputs.
+    pub quick: bool,
+    /// This stage alone; all of them when absent.
+    pub only: Option<Stage>,
+    /// Size of the stage's input: cells along a side of the terrain, plants or points, rows,
+    /// trees to grow, trees in the picture.
+    pub size: Option<u32>,
+    /// A file to measure on: an elevation model for terrain, a table with `x`, `y` and `radius`
+    /// for ecosim, a table of numbers (and perhaps `weight`) for quantize.
+    pub input: Option<PathBuf>,
+    /// Runs of which the fastest counts; 3 when absent.
+    pub repeat: Option<u32>,
+}
 
 /// What was measured.
 #[derive(Clone, Debug, Serialize)]
@@ -44,33 +68,77 @@ pub struct Figure {
     pub value: f64,
     /// Unit of `value`.
     pub unit: &'static str,
+    /// Seconds of the fastest run.
+    pub seconds: f64,
+    /// Processor seconds of that run, all threads together; 0 where the system does not tell.
+    pub cpu_seconds: f64,
+    /// A number of the result that another program must find too, where there is one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub result: Option<f64>,
     /// Size of the input.
     pub input: String,
 }
 
-/// Measures every stage.
+impl Figure {
+    /// Work a second.
+    fn rate(name: &'static str, work: f64, unit: &'static str, time: Time, input: String) -> Self {
+        Self { value: work / time.seconds, ..Self::time(name, time, input) }.of(unit)
+    }
+
+    /// A time.
+    fn time(name: &'static str, time: Time, input: String) -> Self {
+        let Time { seconds, cpu_seconds } = time;
+        Self { name, value: seconds, unit: "s", seconds, cpu_seconds, result: None, input }
+    }
+
+    fn of(self, unit: &'static str) -> Self {
+        Self { unit, ..self }
+    }
+
+    fn with(self, result: f64) -> Self {
+        Self { result: Some(result), ..self }
+    }
+}
+
+/// Measures every stage, or the one asked for.
 ///
 /// # Errors
-/// A stage refuses an input that was made for it, which would be a mistake of ours.
-pub fn bench(is_quick: bool) -> Result<Figures> {
-    let size = if is_quick { Size::QUICK } else { Size::FULL };
+/// The input file cannot be read or does not fit, or a stage refuses an input that was made for
+/// it, which would be a mistake of ours.
+pub fn bench(request: &Request) -> Result<Figures> {
+    let size = Size::of(request);
     let species = species()?;
-    let mut figures = terrain(&size)?;
-    figures.push(plant_steps(&size, &species)?);
-    figures.push(lloyd(&size));
-    figures.push(vector_quantization(&size)?);
-    figures.push(triangles(&size, &species)?);
-    figures.extend(rays(&size, &species)?);
+    let mut figures = Vec::new();
+    for stage in Stage::ALL {
+        if request.only.is_some_and(|only| only != stage) {
+            continue;
+        }
+        let input = request.input.as_deref();
+        match stage {
+            Stage::Terrain => figures.extend(terrain(&size, input)?),
+            Stage::Ecosim => {
+                figures.push(self_thinning(&size, input)?);
+                if input.is_none() {
+                    figures.push(plant_steps(&size, &species)?);
+                    figures.push(lloyd(&size)?);
+                }
+            }
+            Stage::Quantize => figures.extend(vector_quantization(&size, input)?),
+            Stage::Plants => figures.push(triangles(&size, &species)?),
+            Stage::Render => figures.extend(rays(&size, &species)?),
+        }
+    }
     Ok(Figures {
         version: env!("CARGO_PKG_VERSION"),
         threads: rayon::current_num_threads(),
-        quick: is_quick,
+        quick: request.quick,
         figures,
         peak_memory_bytes: peak_memory().unwrap_or(0),
     })
 }
 
 /// Sizes of the inputs.
+#[derive(Clone, Copy)]
 struct Size {
     terrain_side: usize,
     first_plants: u32,
@@ -78,8 +146,10 @@ struct Size {
     points: usize,
     vectors: usize,
     trees: u32,
+    standing: u32,
     picture: [u32; 2],
     samples: u32,
+    repeat: u32,
 }
 
 impl Size {
@@ -90,8 +160,10 @@ impl Size {
         points: 100_000,
         vectors: 100_000,
         trees: 16,
+        standing: 256,
         picture: [240, 135],
         samples: 8,
+        repeat: 3,
     };
     const QUICK: Size = Size {
         terrain_side: 256,
@@ -100,20 +172,44 @@ impl Size {
         points: 10_000,
         vectors: 10_000,
         trees: 4,
+        standing: 64,
         picture: [96, 54],
         samples: 4,
+        repeat: 3,
     };
+
+    fn of(request: &Request) -> Self {
+        let mut size = if request.quick { Self::QUICK } else { Self::FULL };
+        size.repeat = request.repeat.unwrap_or(size.repeat).max(1);
+        let Some((stage, wanted)) = request.only.zip(request.size) else { return size };
+        let count = wanted.max(1) as usize;
+        match stage {
+            Stage::Terrain => size.terrain_side = count.max(2),
+            Stage::Ecosim => (size.first_plants, size.points) = (wanted.max(1), count),
+            Stage::Quantize => size.vectors = count,
+            Stage::Plants => size.trees = wanted.max(1),
+            Stage::Render => size.standing = wanted.max(1),
+        }
+        size
+    }
 }
 
-/// Seconds of the fastest of three runs, and what it made.
-fn best<T>(mut work: impl FnMut() -> Result<T>) -> Result<(f64, T)> {
-    let mut fastest: Option<(f64, T)> = None;
-    for _ in 0..3 {
-        let began = Instant::now();
+/// How long something took.
+#[derive(Clone, Copy)]
+struct Time {
+    seconds: f64,
+    cpu_seconds: f64,
+}
+
+/// Time of the fastest run, and what it made.
+fn best<T>(size: &Size, mut work: impl FnMut() -> Result<T>) -> Result<(Time, T)> {
+    let mut fastest: Option<(Time, T)> = None;
+    for _ in 0..size.repeat {
+        let watch = Stopwatch::start();
         let made = black_box(work()?);
-        let seconds = began.elapsed().as_secs_f64().max(1e-9);
-        if fastest.as_ref().is_none_or(|(best, _)| seconds < *best) {
-            fastest = Some((seconds, made));
+        let (seconds, cpu_seconds) = watch.read();
+        if fastest.as_ref().is_none_or(|(best, _)| seconds < best.seconds) {
+            fastest = Some((Time { seconds, cpu_seconds }, made));
         }
     }
     fastest.ok_or_else(|| wrong("nothing was measured"))
@@ -145,30 +241,35 @@ fn ground(side: usize) -> Grid {
     })
 }
 
-fn terrain(size: &Size) -> Result<Vec<Figure>> {
-    let side = size.terrain_side;
-    let cells = (side * side) as f64;
-    let input = format!("{side} x {side} cells");
-    let raster = Raster { grid: ground(side), crs: Crs::default() };
+fn terrain(size: &Size, input: Option<&Path>) -> Result<Vec<Figure>> {
+    use weald_terrain::flow;
+    let raster = match input {
+        Some(path) => given::raster(path)?,
+        None => Raster { grid: ground(size.terrain_side), crs: Crs::default() },
+    };
+    let Frame { width, height, .. } = raster.grid.frame;
+    let cells = (width * height) as f64;
+    let rate = |name, time| {
+        Figure::rate(name, cells, "cells/s", time, format!("{width} x {height} cells"))
+    };
     let config = "source = \"x\"\n[[op]]\nop = \"noise\"\namplitude = 0.5\nwavelength = 30.0\n";
     let config: weald_terrain::Config = table(config)?;
-    let (seconds, _) = best(|| {
+    let (whole, _) = best(size, || {
         weald_terrain::build(&config, &raster, &BTreeMap::new(), &[], Seed(1), &Silent)
             .map_err(wrong)
     })?;
-    let (flow_seconds, _) = best(|| {
-        let flood = weald_terrain::flow::fill(side, side, &raster.grid.values);
-        let directions = weald_terrain::flow::directions(side, side, &flood);
-        Ok(weald_terrain::flow::accumulate(side, &directions, vec![1.0; side * side]))
+    let altitude = &raster.grid.values;
+    let (fill, flood) = best(size, || Ok(flow::fill(width, height, altitude)))?;
+    let raised = flood.level.iter().zip(altitude).map(|(a, b)| f64::from(*a) - f64::from(*b)).sum();
+    let (down, drained) = best(size, || {
+        let directions = flow::directions(width, height, &flood);
+        Ok(flow::accumulate(width, &directions, vec![1.0; width * height]))
     })?;
+    let largest = drained.iter().copied().fold(0.0, f64::max);
     Ok(vec![
-        Figure { name: "terrain", value: cells / seconds, unit: "cells/s", input: input.clone() },
-        Figure {
-            name: "fill, D8, accumulate",
-            value: cells / flow_seconds,
-            unit: "cells/s",
-            input,
-        },
+        rate("terrain", whole),
+        rate("fill", fill).with(raised),
+        rate("D8 and accumulation", down).with(largest),
     ])
 }
 
@@ -209,18 +310,54 @@ fn plant_steps(size: &Size, species: &BTreeMap<String, SceneSpecies>) -> Result<
         plants: &BTreeMap::new(),
         views: &[],
     };
-    let (seconds, outcome) =
-        best(|| weald_ecosim::grow(&config, &around, None, Seed(1), &Silent).map_err(wrong))?;
+    let (time, outcome) =
+        best(size, || weald_ecosim::grow(&config, &around, None, Seed(1), &Silent).map_err(wrong))?;
     let steps: u64 = outcome.summary.iter().filter(|row| row.step > 0).map(|row| row.alive).sum();
-    Ok(Figure {
-        name: "simulation",
-        value: steps as f64 / seconds,
-        unit: "plant-steps/s",
-        input: format!("{} plants at first, {} years", size.first_plants, size.years),
-    })
+    let input = format!("{} plants at first, {} years", size.first_plants, size.years);
+    Ok(Figure::rate("simulation", steps as f64, "plant-steps/s", time, input))
 }
 
-fn lloyd(size: &Size) -> Figure {
+/// The bare competition of [Deussen98] §5.1: what is dominated dies, what lives grows.
+///
+/// Unless circles are given, there is one to a square metre, with a radius of 2 to 10 cm.
+fn self_thinning(size: &Size, input: Option<&Path>) -> Result<Figure> {
+    const YEARS: u32 = 20;
+    const GROWTH: f32 = 0.01;
+    let circles = match input {
+        Some(path) => given::circles(path)?,
+        None => {
+            let side = f64::from(size.first_plants).sqrt();
+            let mut chance = Seed(1).stream("circles", 0);
+            (0..size.first_plants)
+                .map(|_| {
+                    let [x, y, radius] =
+                        [(0.0, side), (0.0, side), (0.02, 0.1)].map(|(a, b)| chance.range(a, b));
+                    given::circle(x, y, radius as f32)
+                })
+                .collect()
+        }
+    };
+    let (time, (steps, living)) = best(size, || {
+        let (mut circles, mut steps) = (circles.clone(), 0);
+        for _ in 0..YEARS {
+            steps += circles.len();
+            let (plain, order) = (weald_ecosim::Plain::Open, weald_ecosim::Order::Sync);
+            let over = weald_ecosim::dominators(&circles, plain, order, |_| false);
+            let mut over = over.iter();
+            circles.retain(|_| over.next().is_some_and(Option::is_none));
+            for circle in &mut circles {
+                circle.radius += GROWTH;
+                circle.ability = circle.radius;
+            }
+        }
+        Ok((steps, circles.len()))
+    })?;
+    let input = format!("{} circles at first, {YEARS} years", circles.len());
+    let figure = Figure::rate("self-thinning", steps as f64, "plant-steps/s", time, input);
+    Ok(figure.with(living as f64))
+}
+
+fn lloyd(size: &Size) -> Result<Figure> {
     let side = (size.points as f64).sqrt() as usize;
     let frame = Frame { width: side, height: side, cell: 1.0, west: 0.0, south: 0.0 };
     let density = Grid::filled(frame, 1.0);
@@ -228,37 +365,39 @@ fn lloyd(size: &Size) -> Figure {
     let points: Vec<[f64; 2]> = (0..size.points)
         .map(|_| [chance.range(0.0, side as f64), chance.range(0.0, side as f64)])
         .collect();
-    let mut fastest = f64::INFINITY;
-    for _ in 0..3 {
+    let (time, _) = best(size, || {
         let mut moved = points.clone();
-        let began = Instant::now();
         weald_ecosim::relax(&mut moved, &density, &weald_ecosim::Relaxation::pass(0, 1));
-        black_box(&moved);
-        fastest = fastest.min(began.elapsed().as_secs_f64());
-    }
-    Figure {
-        name: "Lloyd relaxation",
-        value: size.points as f64 / fastest,
-        unit: "points/s",
-        input: format!("{} points, one pass", size.points),
-    }
+        Ok(moved)
+    })?;
+    let input = format!("{} points, one pass", size.points);
+    Ok(Figure::rate("Lloyd relaxation", size.points as f64, "points/s", time, input))
 }
 
-fn vector_quantization(size: &Size) -> Result<Figure> {
+fn vector_quantization(size: &Size, input: Option<&Path>) -> Result<Vec<Figure>> {
+    use weald_quantize::{Mode, cluster};
     const COLUMNS: usize = 4;
     const CLUSTERS: usize = 64;
-    let mut chance = Seed(1).stream("vectors", 0);
-    let values = (0..size.vectors * COLUMNS).map(|_| chance.unit()).collect();
-    let table =
-        weald_quantize::Table::new(values, COLUMNS, vec![1.0; size.vectors]).map_err(wrong)?;
-    let (seconds, _) =
-        best(|| Ok(weald_quantize::cluster(&table, CLUSTERS, weald_quantize::Mode::Fast)))?;
-    Ok(Figure {
-        name: "vector quantization",
-        value: seconds,
-        unit: "s",
-        input: format!("{} rows of {COLUMNS} to {CLUSTERS}", size.vectors),
+    let table = match input {
+        Some(path) => given::numbers(path)?,
+        None => {
+            let mut chance = Seed(1).stream("vectors", 0);
+            let values = (0..size.vectors * COLUMNS).map(|_| chance.unit()).collect();
+            weald_quantize::Table::new(values, COLUMNS, vec![1.0; size.vectors]).map_err(wrong)?
+        }
+    };
+    let input = format!("{} rows of {} to {CLUSTERS}", table.len(), table.columns());
+    [
+        ("vector quantization, paper", Mode::Paper),
+        ("vector quantization, fast", Mode::Fast),
+        ("vector quantization, best", Mode::Best),
+    ]
+    .into_iter()
+    .map(|(name, mode)| {
+        let (time, found) = best(size, || Ok(cluster(&table, CLUSTERS, mode)))?;
+        Ok(Figure::time(name, time, input.clone()).with(found.distortion(&table)))
     })
+    .collect()
 }
 
 /// A full-grown plant of a species.
@@ -287,19 +426,16 @@ fn grown(
 
 fn triangles(size: &Size, species: &BTreeMap<String, SceneSpecies>) -> Result<Figure> {
     use rayon::prelude::*;
-    let (seconds, models) = best(|| {
+    let (time, models) = best(size, || {
         (0..size.trees)
             .into_par_iter()
             .map(|id| grown(species, "aspen", 60.0, id))
             .collect::<Result<Vec<_>>>()
     })?;
     let count: u64 = models.iter().map(PlantModel::instanced_triangles).sum();
-    Ok(Figure {
-        name: "Weber-Penn aspen",
-        value: count as f64 / seconds,
-        unit: "triangles/s",
-        input: format!("{} trees, {count} triangles with leaves", size.trees),
-    })
+    let input = format!("{} trees, {count} triangles with leaves", size.trees);
+    let figure = Figure::rate("Weber-Penn aspen", count as f64, "triangles/s", time, input);
+    Ok(figure.with(count as f64))
 }
 
 /// Models held in memory, by id from 1.
@@ -314,8 +450,12 @@ impl PrototypeSource for Held {
 
 /// A wood on a meadow: trees every 4 m or so, tufts of grass every half metre.
 fn rays(size: &Size, species: &BTreeMap<String, SceneSpecies>) -> Result<Vec<Figure>> {
-    const SIDE: usize = 64;
-    let terrain = plain(SIDE);
+    /// Square metres to a tree.
+    const ROOM: f64 = 16.0;
+    /// Tufts of grass to a tree.
+    const TUFTS: u64 = 64;
+    let side = (f64::from(size.standing) * ROOM).sqrt().max(8.0);
+    let terrain = plain(side as usize);
     let models = Held(vec![
         Arc::new(grown(species, "aspen", 25.0, 1)?),
         Arc::new(grown(species, "grass", 3.0, 2)?),
@@ -323,8 +463,8 @@ fn rays(size: &Size, species: &BTreeMap<String, SceneSpecies>) -> Result<Vec<Fig
     let palette =
         Palette { representatives: vec![row(1, "aspen"), row(2, "grass")], groups: Vec::new() };
     let mut placed = Instances::default();
-    scatter(&mut placed, 1, 256, SIDE as f64);
-    scatter(&mut placed, 2, 16_384, SIDE as f64);
+    scatter(&mut placed, 1, u64::from(size.standing), side);
+    scatter(&mut placed, 2, u64::from(size.standing) * TUFTS, side);
     let sky: weald_render::Sky = table("")?;
     let parts = weald_render::Parts {
         terrain: &terrain,
@@ -334,32 +474,26 @@ fn rays(size: &Size, species: &BTreeMap<String, SceneSpecies>) -> Result<Vec<Fig
         objects: &[],
         species: &["aspen".to_string(), "grass".to_string()],
     };
-    let scene = weald_render::Scene::build(&parts, &sky, &Silent).map_err(wrong)?;
-    let view: View = table("name = \"in\"\nstand_at = [32, 2]\nlook_at = [32, 40]\n")?;
+    let (built, scene) =
+        best(size, || weald_render::Scene::build(&parts, &sky, &Silent).map_err(wrong))?;
+    let middle = side / 2.0;
+    let view = format!("name = \"in\"\nstand_at = [{middle}, 2]\nlook_at = [{middle}, 40]\n");
+    let view: View = table(&view)?;
     let [width, height] = size.picture;
     let samples = size.samples;
     let config = format!("view = \"in\"\nresolution = [{width}, {height}]\nsamples = {samples}\n");
     let config: weald_render::Config = table(&config)?;
-    let (seconds, film) =
-        best(|| weald_render::render(&scene, &view, &config, Seed(1), &Silent).map_err(wrong))?;
+    let (time, film) = best(size, || {
+        weald_render::render(&scene, &view, &config, Seed(1), &Silent).map_err(wrong)
+    })?;
     let counted = film.statistics();
-    let input = format!(
-        "{width} x {height}, {samples} samples, {} triangles",
-        scene.statistics().instanced_primitives
-    );
+    let triangles = scene.statistics().instanced_primitives;
+    let standing = format!("{} instances, {triangles} triangles", placed.len());
+    let input = format!("{width} x {height}, {samples} samples, {standing}");
     Ok(vec![
-        Figure {
-            name: "rays",
-            value: counted.rays as f64 / seconds,
-            unit: "rays/s",
-            input: input.clone(),
-        },
-        Figure {
-            name: "light paths",
-            value: counted.samples as f64 / seconds,
-            unit: "samples/s",
-            input,
-        },
+        Figure::time("scene", built, standing),
+        Figure::rate("rays", counted.rays as f64, "rays/s", time, input.clone()),
+        Figure::rate("light paths", counted.samples as f64, "samples/s", time, input),
     ])
 }
 
@@ -403,16 +537,16 @@ pub fn peak_memory() -> Option<u64> {
 
 impl fmt::Display for Figures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        for Figure { name, value, unit, input } in &self.figures {
+        for Figure { name, value, unit, input, .. } in &self.figures {
             let value = match value {
                 v if *v >= 1e6 => format!("{:.2} M", v / 1e6),
                 v if *v >= 1e3 => format!("{:.1} k", v / 1e3),
                 v => format!("{v:.4} "),
             };
-            writeln!(f, "{name:<22} {value:>10}{unit:<14} {input}")?;
+            writeln!(f, "{name:<27} {value:>10}{unit:<14} {input}")?;
         }
         let memory = crate::check::bytes_in_words(self.peak_memory_bytes);
-        writeln!(f, "{:<22} {memory}", "peak memory")?;
-        writeln!(f, "{:<22} {}", "threads", self.threads)
+        writeln!(f, "{:<27} {memory}", "peak memory")?;
+        writeln!(f, "{:<27} {}", "threads", self.threads)
     }
 }

@@ -137,7 +137,11 @@ fn columns(path: &Path, kind: FileKind) -> Result<Vec<(String, Column)>> {
         }
         FileKind::Plant => plant_columns(&weald_formats::read_plant(path)?),
         FileKind::Palette => palette_columns(&weald_formats::read_palette(path)?),
-        FileKind::Report | FileKind::Run | FileKind::Plants => {
+        FileKind::Report
+        | FileKind::Scene
+        | FileKind::Species
+        | FileKind::Run
+        | FileKind::Plants => {
             let text = crate::scene::read_text(path)?;
             vec![("text".into(), Column::text(text.lines()))]
         }

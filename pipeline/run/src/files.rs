@@ -26,6 +26,10 @@ pub enum FileKind {
     Table,
     /// Representatives.
     Palette,
+    /// A scene's tables.
+    Scene,
+    /// A species' tables.
+    Species,
     /// A plant model.
     Plant,
     /// An OpenEXR picture.
@@ -48,6 +52,8 @@ impl FileKind {
             FileKind::Instances => "a table of instances",
             FileKind::Table => "a table",
             FileKind::Palette => "a palette",
+            FileKind::Scene => "a scene",
+            FileKind::Species => "a species",
             FileKind::Plant => "a plant model",
             FileKind::Picture => "a picture",
             FileKind::Png => "an 8-bit picture",
@@ -72,7 +78,7 @@ pub fn kind(path: &Path) -> Result<FileKind> {
     match ending.as_deref() {
         Some("tif" | "tiff" | "asc") => Ok(FileKind::Raster),
         Some("parquet" | "csv") => table_kind(path),
-        Some("toml") => Ok(FileKind::Palette),
+        Some("toml") => toml_kind(path),
         Some("glb") => Ok(FileKind::Plant),
         Some("exr") => Ok(FileKind::Picture),
         Some("png") => Ok(FileKind::Png),
@@ -100,6 +106,21 @@ fn folder_kind(path: &Path) -> Result<FileKind> {
         format!("{} holds no file of ours", path.display()),
         "give a terrain's folder (with `altitude.tif`), one of plants, or the output of `weald run`",
     ))
+}
+
+/// Tells TOML files apart by the tables that only one kind has.
+fn toml_kind(path: &Path) -> Result<FileKind> {
+    let text = crate::scene::read_text(path)?;
+    let mut sources = Sources::default();
+    let source = sources.add(path.display().to_string(), text.clone());
+    let tree = Value::parse(source, &text)
+        .map_err(|problems| Error::Wrong { sources: sources.into(), problems })?;
+    let has = |key| tree.as_table().is_some_and(|table| table.get(key).is_some());
+    Ok(match () {
+        () if has("size") => FileKind::Species,
+        () if has("terrain") || has("render") => FileKind::Scene,
+        () => FileKind::Palette,
+    })
 }
 
 /// Tells tables apart by the columns that only one kind has.

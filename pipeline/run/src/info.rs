@@ -2,10 +2,13 @@
 
 use crate::error::{Error, Result};
 use crate::files::{self, FileKind};
+use crate::parameters::canonical;
+use crate::scene::{Changes, Scene};
 use serde::Serialize;
 use serde_json::{Value as Json, json};
 use std::fmt;
 use std::path::Path;
+use weald_contract::Sources;
 use weald_formats::{Column, Provenance};
 
 /// What a file holds and how it came to be.
@@ -55,6 +58,8 @@ fn provenance(path: &Path, kind: FileKind) -> Result<Option<Provenance>> {
             let report: Json = read_json(path)?;
             Ok(serde_json::from_value(report["provenance"].clone()).ok())
         }
+        // People wrote these.
+        FileKind::Scene | FileKind::Species => Ok(None),
         // An .asc of another program has no place for a story.
         FileKind::Raster if path.extension().is_some_and(|ending| ending == "asc") => Ok(None),
         _ => Ok(weald_formats::provenance(path)?),
@@ -86,6 +91,8 @@ fn facts(path: &Path, kind: FileKind) -> Result<Vec<(String, Json)>> {
         FileKind::Instances => instances_facts(path),
         FileKind::Table => table_facts(path),
         FileKind::Palette => palette_facts(path),
+        FileKind::Scene => scene_facts(path),
+        FileKind::Species => species_facts(path),
         FileKind::Plant => plant_facts(path),
         FileKind::Picture => picture_facts(path),
         FileKind::Png => {
@@ -209,6 +216,42 @@ fn palette_facts(path: &Path) -> Result<Vec<(String, Json)>> {
         facts.push(fact(&format!("  {name}"), text));
     }
     Ok(facts)
+}
+
+fn scene_facts(path: &Path) -> Result<Vec<(String, Json)>> {
+    let scene = Scene::load(path, &Changes::default())?;
+    let views: Vec<&str> = scene.tables.view.iter().map(|view| view.name.as_str()).collect();
+    let [width, height] = scene.render.resolution;
+    Ok(vec![
+        fact("title", scene.tables.title.clone()),
+        fact("seed", scene.tables.seed),
+        fact("elevation model", scene.terrain.source.value.clone()),
+        fact("terrain operators", scene.terrain.op.len()),
+        fact("ecosim steps", scene.ecosim.step.len()),
+        fact("species planted", scene.planted.join(", ")),
+        fact("views", views.join(", ")),
+        fact("picture", format!("{width} x {height}, {} samples", scene.render.samples)),
+    ])
+}
+
+fn species_facts(path: &Path) -> Result<Vec<(String, Json)>> {
+    let mut sources = Sources::default();
+    let mut problems = Vec::new();
+    let text = crate::scene::read_text(path)?;
+    let name = path.display().to_string();
+    let Some(found) = crate::scene::read_species(&name, &text, &mut sources, &mut problems) else {
+        return Err(Error::Wrong { sources: sources.into(), problems });
+    };
+    let size = &found.species.size;
+    let form = found.form.as_ref().map_or("a patch of other species", weald_plants::Form::word);
+    Ok(vec![
+        fact("title", found.species.title.clone()),
+        fact("latin", found.species.latin.clone()),
+        fact("form", form),
+        fact("height [m]", canonical(&size.height)),
+        fact("crown radius [m]", canonical(&size.crown_radius)),
+        fact("lifespan [years]", canonical(&size.lifespan)),
+    ])
 }
 
 fn plant_facts(path: &Path) -> Result<Vec<(String, Json)>> {

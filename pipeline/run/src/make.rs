@@ -5,7 +5,9 @@
 //! and a run that goes on from files make the same bytes, and each file is known to be enough.
 
 use crate::error::{Error, Result};
-use crate::parameters::{ecosim_species, parameters, quantize_species, render_config, views_named};
+use crate::parameters::{
+    canonical, ecosim_species, parameters, places_named, quantize_species, render_config,
+};
 use crate::preview::{self, Sketch};
 use crate::prototypes::FolderPrototypes;
 use crate::recipe::{HashedInput, Stage};
@@ -145,7 +147,7 @@ pub fn terrain(
     let elevation =
         weald_formats::read_raster(&source.path).map_err(at_field(scene, &source.input))?;
     let images = images(scene, &scene.terrain_inputs)?;
-    let views = views_named(scene, &json!(scene.terrain));
+    let views = places_named(scene, &scene.terrain);
     let seed = stage_seed(scene, stage);
     let layers = weald_terrain::build(&scene.terrain, &elevation, &images, &views, seed, progress)
         .map_err(stage_error!(&scene.sources, stage, weald_terrain))?;
@@ -218,7 +220,7 @@ pub fn ecosim(
             species: &ecosim_species(scene),
             images: &images(scene, &scene.ecosim_inputs)?,
             plants: &plants_of_tables(scene)?,
-            views: &views_named(scene, &json!(scene.ecosim)),
+            views: &places_named(scene, &scene.ecosim),
         },
         start.as_ref(),
         stage_seed(scene, stage),
@@ -497,11 +499,11 @@ fn caption(plant: &Representative) -> String {
 
 fn plant_provenance(stage: &Provenance, plant: &Representative) -> Provenance {
     let species = stage.parameters["species"].get(&plant.species).cloned();
-    let representative = json!({
-        "species": plant.species, "age": plant.age, "vigor": plant.vigor,
-        "height": plant.height, "radius": plant.radius,
+    let parameters = json!({
+        "species": species, "name": plant.species,
+        "age": canonical(&plant.age), "vigor": canonical(&plant.vigor),
+        "height": canonical(&plant.height), "radius": canonical(&plant.radius),
     });
-    let parameters = json!({ "species": species, "representative": representative });
     Provenance { parameters, ..stage.clone() }
 }
 

@@ -6,10 +6,11 @@
 
 use crate::error::{Error, Result};
 use crate::recipe::{HashedInput, Recipe, Stage};
-use crate::scene::{Scene, SceneInput};
-use serde_json::{Value as Json, json};
+use crate::scene::{Scene, SceneInput, SceneSpecies};
+use serde::Serialize;
+use serde_json::{Map, Value as Json, json};
 use std::collections::BTreeMap;
-use weald_contract::{Species, View};
+use weald_contract::{GroupRecipe, Size, Species, View};
 
 /// What rendering leaves as it is but a draft makes smaller.
 pub const DRAFT_RESOLUTION: [u32; 2] = [480, 270];
@@ -31,11 +32,31 @@ pub fn render_config(scene: &Scene, is_draft: bool) -> weald_render::Config {
     config
 }
 
-/// The views that a stage's canonical parameters name under a key `view`.
-pub fn views_named(scene: &Scene, parameters: &Json) -> Vec<View> {
+/// The places of the views that a stage's table names under a key `view`.
+///
+/// Stages before the picture care where someone stands, for finer ground there, and not where
+/// they look or through which lens: those fields are blanked, so that turning the camera makes
+/// nothing stale but the picture.
+pub fn places_named(scene: &Scene, table: &impl Serialize) -> Vec<View> {
     let mut names = Vec::new();
-    collect_view_names(parameters, &mut names);
-    scene.tables.view.iter().filter(|view| names.contains(&view.name)).cloned().collect()
+    collect_view_names(&canonical(table), &mut names);
+    let named = scene.tables.view.iter().filter(|view| names.contains(&view.name));
+    let place = |view: &View| View {
+        name: view.name.clone(),
+        stand_at: view.stand_at,
+        eye_height: 0.0,
+        look_at: view.stand_at,
+        look_height: 0.0,
+        fov_deg: 0.0,
+    };
+    named.map(place).collect()
+}
+
+/// A value as canonical JSON: single precision numbers with the decimals that people wrote,
+/// where the direct way would widen 0.3 to 0.30000001192092896.
+pub fn canonical(value: &impl Serialize) -> Json {
+    let text = serde_json::to_string(value).expect("parameters hold only plain values");
+    serde_json::from_str(&text).expect("what was just written is JSON")
 }
 
 fn collect_view_names(parameters: &Json, names: &mut Vec<String>) {
@@ -70,9 +91,7 @@ pub fn ecosim_species(scene: &Scene) -> BTreeMap<String, (Species, weald_ecosim:
 
 /// Species as quantize sees them: size and the patch they are.
 pub fn quantize_species(scene: &Scene) -> BTreeMap<String, Species> {
-    let strip = |(name, found): (&String, &crate::scene::SceneSpecies)| {
-        (name.clone(), stripped(&found.species))
-    };
+    let strip = |(name, found): (&String, &SceneSpecies)| (name.clone(), stripped(&found.species));
     scene.species.iter().map(strip).collect()
 }
 
@@ -92,53 +111,65 @@ fn stripped(species: &Species) -> Species {
 /// The canonical parameters of a stage: what stands in its key and in its files' provenance.
 pub fn parameters(scene: &Scene, stage: Stage, is_draft: bool) -> Json {
     match stage {
-        Stage::Terrain => with_views(scene, json!({ "terrain": scene.terrain })),
+        Stage::Terrain => with_places(scene, "terrain", &scene.terrain),
         Stage::Ecosim => {
-            let species: BTreeMap<_, _> = ecosim_species(scene)
-                .into_iter()
-                .map(|(name, (species, ecology))| {
-                    let ecology = species.ecology.is_some().then_some(ecology);
-                    (
-                        name,
-                        json!({ "size": species.size, "group": species.group, "ecology": ecology }),
-                    )
-                })
-                .collect();
-            with_views(scene, json!({ "ecosim": scene.ecosim, "species": species }))
+            let mut parameters = with_places(scene, "ecosim", &scene.ecosim);
+            let species = ecosim_species(scene).into_iter().map(|(name, (species, ecology))| {
+                let ecology = species.ecology.is_some().then_some(ecology);
+                let read = Read { size: &species.size, group: &species.group, ecology };
+                (name, canonical(&read))
+            });
+            parameters["species"] = species.collect::<Map<_, _>>().into();
+            parameters
         }
         Stage::Quantize => {
-            let species: BTreeMap<_, _> = quantize_species(scene)
-                .into_iter()
-                .map(|(name, species)| {
-                    (name, json!({ "size": species.size, "group": species.group }))
-                })
-                .collect();
-            json!({ "quantize": scene.quantize, "species": species })
+            let species = quantize_species(scene).into_iter().map(|(name, species)| {
+                let read = Read { size: &species.size, group: &species.group, ecology: None };
+                (name, canonical(&read))
+            });
+            let species = species.collect::<Map<_, _>>();
+            json!({ "quantize": canonical(&scene.quantize), "species": species })
         }
-        Stage::Plants => {
-            let species: BTreeMap<_, _> = scene
-                .species
-                .iter()
-                .filter(|(_, found)| found.form.is_some())
-                .map(|(name, found)| {
-                    (name, json!({ "size": found.species.size, "form": found.form }))
-                })
-                .collect();
-            json!({ "species": species })
-        }
-        Stage::Render => {
-            let config = render_config(scene, is_draft);
-            let view = scene.rendered_view();
-            json!({ "render": config, "view": view, "sky": scene.sky, "object": scene.tables.object })
-        }
+        Stage::Plants => json!({ "species": forms(&scene.species) }),
+        Stage::Render => json!({
+            "render": canonical(&render_config(scene, is_draft)),
+            "view": canonical(&scene.rendered_view()),
+            "sky": canonical(&scene.sky),
+            "object": canonical(&scene.tables.object),
+        }),
     }
 }
 
-/// Adds the views that the parameters name.
-fn with_views(scene: &Scene, mut parameters: Json) -> Json {
-    let views = views_named(scene, &parameters);
-    if !views.is_empty() {
-        parameters["views"] = json!(views);
+/// What ecosim and quantize read of a species.
+#[derive(Serialize)]
+struct Read<'a> {
+    size: &'a Size,
+    group: &'a Option<GroupRecipe>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    ecology: Option<weald_ecosim::Ecology>,
+}
+
+/// What plants reads of each species that it can grow.
+pub fn forms(species: &BTreeMap<String, SceneSpecies>) -> Json {
+    let form = |(name, found): (&String, &SceneSpecies)| {
+        let form = found.form.as_ref()?;
+        Some((
+            name.clone(),
+            json!({ "size": canonical(&found.species.size), "form": canonical(form) }),
+        ))
+    };
+    species.iter().filter_map(form).collect::<Map<_, _>>().into()
+}
+
+/// A stage's table, with the places of the views that it names.
+fn with_places(scene: &Scene, name: &str, table: &impl Serialize) -> Json {
+    let places: Map<_, _> = places_named(scene, table)
+        .into_iter()
+        .map(|view| (view.name, json!(view.stand_at)))
+        .collect();
+    let mut parameters = json!({ name: canonical(table) });
+    if !places.is_empty() {
+        parameters["places"] = places.into();
     }
     parameters
 }
@@ -188,4 +219,15 @@ pub fn hashed_inputs(scene: &Scene, stage: Stage) -> Result<Vec<HashedInput>> {
         hashed.push(HashedInput { name: input.path.value.clone(), blake3 });
     }
     Ok(hashed)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn single_precision_numbers_keep_the_decimals_that_people_wrote() {
+        let text = canonical(&(0.3f32, 0.042f32, 381.5f64)).to_string();
+        assert_eq!(text, "[0.3,0.042,381.5]");
+    }
 }

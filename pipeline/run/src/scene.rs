@@ -557,3 +557,87 @@ fn scene_name(path: &Path) -> String {
         _ => folder().unwrap_or_else(|| "scene".into()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// A scene that is right but for its elevation model, which is nowhere.
+    const SCENE: &str = include_str!("template/scene.toml");
+
+    /// Problems of a scene's text, each with the line it points at.
+    fn problems(text: &str) -> Vec<(usize, String)> {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("scene.toml");
+        std::fs::write(&path, text).unwrap();
+        match Scene::load(&path, &Changes::default()) {
+            Err(Error::Wrong { sources, problems }) => problems
+                .iter()
+                .map(|problem| {
+                    let place = problem.span.and_then(|span| sources.line_column(span));
+                    (place.map_or(0, |(line, _)| line), problem.to_string())
+                })
+                .collect(),
+            Err(other) => vec![(0, other.to_string())],
+            Ok(_) => Vec::new(),
+        }
+    }
+
+    #[test]
+    fn the_template_lacks_only_its_ground() {
+        let found = problems(SCENE);
+        assert_eq!(found.len(), 1, "{found:?}");
+        assert!(found[0].1.contains("there is no file"));
+    }
+
+    #[test]
+    fn mistakes_in_different_tables_do_not_hide_each_other() {
+        let text = SCENE
+            .replace("rain = 0.8", "rian = 0.8")
+            .replace("years = 40", "years = -4")
+            .replace("representatives = 8", "representatives = 8.5")
+            .replace("fov_deg = 50.0", "fov_deg = 500.0")
+            .replace("\"meadow\"", "\"medow\"");
+        let found: Vec<String> = problems(&text).into_iter().map(|(_, text)| text).collect();
+        for word in ["rian", "-4", "8.5", "fov_deg", "medow", "no file"] {
+            assert!(found.iter().any(|text| text.contains(word)), "no `{word}` in {found:#?}");
+        }
+    }
+
+    #[test]
+    fn a_scene_without_a_table_says_which() {
+        let found = problems("seed = 1");
+        assert!(
+            found.iter().any(|(_, text)| text.contains("`[terrain]`, which is absent")),
+            "{found:?}"
+        );
+        assert!(
+            found.iter().any(|(_, text)| text.contains("`[render]`, which is absent")),
+            "{found:?}"
+        );
+    }
+
+    #[test]
+    fn a_name_near_the_right_one_is_suggested() {
+        let folder = tempfile::tempdir().unwrap();
+        std::fs::write(folder.path().join("ground.tif"), "").unwrap();
+        let hint = near_file(&folder.path().join("gruond.tif"));
+        assert_eq!(hint, Some("did you mean `ground.tif`?".to_string()));
+        assert_eq!(near_file(&folder.path().join("xyz.png")), None);
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        #[test]
+        fn no_change_of_a_scene_makes_the_reader_panic(
+            at in 0..SCENE.len(), cut in 0..40usize, insert in "[\\PC\n]{0,8}",
+        ) {
+            let start = (0..=at).rev().find(|&i| SCENE.is_char_boundary(i)).unwrap_or(0);
+            let end = (at + cut..=SCENE.len()).find(|&i| SCENE.is_char_boundary(i));
+            let text = format!("{}{insert}{}", &SCENE[..start], &SCENE[end.unwrap_or(SCENE.len())..]);
+            problems(&text);
+        }
+    }
+}

@@ -54,12 +54,20 @@ fn given_ground(source: &Path, inputs: &Path) -> Result<(PathBuf, String)> {
         .replace("stand_at = [60.0, 40.0]", &format!("stand_at = {}", place(0.3, 0.2)))
         .replace("look_at = [100.0, 100.0]", &format!("look_at = {}", place(0.5, 0.5)));
     // The pond belongs to the ground that comes with the template.
-    let lake = text.find("[[terrain.op]] # pond").zip(text.find("[terrain.water]"));
-    let text = match lake {
-        Some((start, end)) => format!("{}{}", &text[..start], &text[end..]),
-        None => text,
-    };
+    let text = without(&text, "[[terrain.op]] # pond", "[terrain.water]");
+    let text = text.replace(
+        "disc = [75.0, 65.0, 26.0]",
+        &format!("disc = [{:.1}, {:.1}, 26.0]", 0.36 * width, 0.3 * height),
+    );
     Ok((path, text))
+}
+
+/// The text without the part from `start` up to `end`.
+fn without(text: &str, start: &str, end: &str) -> String {
+    match text.find(start).zip(text.find(end)) {
+        Some((start, end)) => format!("{}{}", &text[..start], &text[end..]),
+        None => text.to_string(),
+    }
 }
 
 /// A gentle slope with a round hollow in the middle, as an ESRI ASCII grid.

@@ -3,7 +3,7 @@
 //! For a point pattern of density λ, λ K(r) is the mean number of further points within r of a
 //! point [Ripley77]; L(r) = sqrt(K(r) / π) is r where points are spread at random [Besag77]; g(r)
 //! is K'(r) / 2πr. Points near the rim miss neighbours that were not observed; edge corrections
-//! weight the observed ones up [Baddeley16 §7.4].
+//! weight the observed ones up [Baddeley16] chapter 7.
 
 use crate::neighbors::Cells;
 use crate::pattern::{Error, Pattern, Table, Window, check_radii};

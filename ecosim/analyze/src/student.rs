@@ -20,13 +20,13 @@ pub(crate) fn two_sided_quantile(both: f64, freedom: f64) -> f64 {
     low + (high - low) / 2.0
 }
 
-/// Probability that |t| exceeds a value: `I_{ν / (ν + t²)}(ν/2, 1/2)` [Abramowitz64 26.7.1].
+/// Probability that |t| exceeds a value: `I_{ν / (ν + t²)}(ν/2, 1/2)` [Abramowitz64] §26.7.
 fn tail(t: f64, freedom: f64) -> f64 {
     incomplete_beta(freedom / (freedom + t * t), freedom / 2.0, 0.5)
 }
 
 /// The regularized incomplete beta function `I_x(a, b)`, by its continued fraction
-/// [Abramowitz64 26.5.8] on the side where it converges fast.
+/// [Abramowitz64] §26.5 on the side where it converges fast.
 fn incomplete_beta(x: f64, a: f64, b: f64) -> f64 {
     if x <= 0.0 || x >= 1.0 {
         return x.clamp(0.0, 1.0);

@@ -105,7 +105,7 @@ fn fit(points: &[[f64; 2]]) -> Result<ThinningLine, Error> {
     let error = t * (residual / freedom / xx).sqrt();
     let least_squares = line(slope, [slope - error, slope + error]);
 
-    // [Warton06] table 4: the interval of the slope from B = F (1 - r²) / (n - 2), where F of one
+    // [Warton06]: the interval of the slope from B = F (1 - r²) / (n - 2), where F of one
     // and n - 2 degrees is t².
     let slope = (yy / xx).sqrt().copysign(xy);
     let b = t * t * (1.0 - r_squared).max(0.0) / freedom;

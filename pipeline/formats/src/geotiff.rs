@@ -31,6 +31,10 @@ const TILE: usize = 256;
 /// Most cells that are read, 2²⁸ (16,384 × 16,384): one gigabyte of values.
 pub const MAX_CELLS: usize = 1 << 28;
 
+/// Most cells that a byte of file may stand for: GDAL's sparse files leave whole tiles of up to
+/// 1024 x 1024 cells to 16 bytes of their table.
+const CELLS_PER_BYTE: usize = 1 << 16;
+
 /// Cells whose sides differ by less than this part are squares: 10,000 of them drift apart by a
 /// tenth of a cell. Converters leave differences of 1e-9 to 1e-7.
 const SQUARE_TOLERANCE: f64 = 1e-5;
@@ -223,9 +227,12 @@ fn samples(path: &Path, file: &GeoTiffFile) -> Result<Samples> {
         return Err(Error::unsupported(path, message, hint));
     }
     let cells = (file.width() as usize).saturating_mul(file.height() as usize);
-    if cells == 0 || cells > MAX_CELLS {
-        let message = format!("the raster has {cells} cells");
-        return Err(Error::invalid(path, message, format!("1 to {MAX_CELLS} are read")));
+    let length = usize::try_from(file.tiff().source().len()).unwrap_or(usize::MAX);
+    let limit = MAX_CELLS.min(length.saturating_mul(CELLS_PER_BYTE));
+    if cells == 0 || cells > limit {
+        let message = format!("the raster promises {cells} cells");
+        let hint = format!("a file of its length may hold 1 to {limit}");
+        return Err(Error::invalid(path, message, hint));
     }
     let ifd = guarded(path, || Ok(file.tiff().ifd(file.base_ifd_index())?))?;
     let layout = guarded(path, || Ok(ifd.raster_layout()?))?;

@@ -16,8 +16,8 @@ use std::io::Write;
 use std::path::Path;
 use weald_contract::{Mesh, Organ, Placement, PlantModel};
 
-/// Most vertices and placements of a model that is read: some ten gigabytes.
-const MAX_ITEMS: usize = 1 << 27;
+/// Most vertices, triangles and placements of a model that is read: about a gigabyte.
+const MAX_ITEMS: usize = 1 << 25;
 
 /// Vertices at which [`flatten`] begins another mesh, so that 32-bit indices reach all.
 const FLAT_VERTICES: usize = 1 << 30;

@@ -95,6 +95,8 @@ impl<'a> Reader<'a> {
         let Some(mesh) = self.document.meshes.get(index) else {
             return Err(self.wrong(format!("mesh {index} does not exist")));
         };
+        // Also parts that draw nothing count: many nodes may name one mesh of many of them.
+        self.count(mesh.primitives.len())?;
         let mut meshes = Vec::new();
         for primitive in &mesh.primitives {
             meshes.extend(self.primitive(primitive)?);
@@ -411,6 +413,18 @@ mod tests {
         assert!(read(circle).unwrap_err().to_string().contains("two parents"));
         assert!(read(json!([{ "mesh": 7 }])).unwrap_err().to_string().contains("mesh 7"));
         assert!(read(json!([{ "children": [9] }])).unwrap_err().to_string().contains("node 9"));
+    }
+
+    #[test]
+    fn a_small_file_cannot_unfold_without_limit() {
+        // 10,000 nodes name one mesh of 10,000 parts that draw nothing.
+        let parts: Vec<Primitive> = (0..10_000).map(|_| Primitive::default()).collect();
+        let nodes = (0..10_000).map(|_| Node { mesh: Some(0), ..Node::default() }).collect();
+        let scene = glb::Scene { name: None, nodes: (0..10_000).collect() };
+        let meshes = vec![glb::MeshEntry { primitives: parts }];
+        let document = Document { nodes, meshes, scenes: vec![scene], ..Document::default() };
+        let error = Reader::new(Path::new("bomb.glb"), &document).scene().unwrap_err();
+        assert!(error.to_string().contains("more than"), "{error}");
     }
 
     #[test]

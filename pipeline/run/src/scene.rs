@@ -369,11 +369,11 @@ impl Reader {
         planted.sort();
         planted.dedup();
         let species = self.species(wanted);
-        if let Some(config) = &terrain {
-            self.problems.extend(config.check(views));
-        }
-        if let Some(config) = &render {
-            self.problems.extend(config.check(views));
+        // With a mistake in a `[[view]]` every other one would look unknown as well.
+        if tables.is_some() {
+            let of_terrain = terrain.iter().flat_map(|config| config.check(views));
+            let of_render = render.iter().flat_map(|config| config.check(views));
+            self.problems.extend(of_terrain.chain(of_render));
         }
         let (
             Some(mut tables),
@@ -597,10 +597,21 @@ mod tests {
             .replace("rain = 0.8", "rian = 0.8")
             .replace("years = 40", "years = -4")
             .replace("representatives = 8", "representatives = 8.5")
-            .replace("fov_deg = 50.0", "fov_deg = 500.0")
-            .replace("\"meadow\"", "\"medow\"");
+            .replace("fov_deg = 50.0", "fov_deg = 500.0");
         let found: Vec<String> = problems(&text).into_iter().map(|(_, text)| text).collect();
-        for word in ["rian", "-4", "8.5", "fov_deg", "medow", "no file"] {
+        for word in ["rian", "-4", "8.5", "fov_deg"] {
+            assert!(found.iter().any(|text| text.contains(word)), "no `{word}` in {found:#?}");
+        }
+        assert_eq!(found.len(), 4, "{found:#?}");
+    }
+
+    #[test]
+    fn unknown_species_views_and_files_are_told_together() {
+        let text = SCENE
+            .replace("\"meadow\"", "\"medow\"")
+            .replace("view = \"bank\"", "view = \"bnak\"");
+        let found: Vec<String> = problems(&text).into_iter().map(|(_, text)| text).collect();
+        for word in ["medow", "bnak", "no file"] {
             assert!(found.iter().any(|text| text.contains(word)), "no `{word}` in {found:#?}");
         }
     }

@@ -19,34 +19,28 @@ pub(crate) struct Attributes<'a> {
     pub(crate) vigor_noise: f32,
 }
 
+/// The plants that want numbers.
+pub(crate) struct Newcomers<'a> {
+    pub(crate) ground: &'a Ground<'a>,
+    pub(crate) stand: &'a Stand<'a>,
+    pub(crate) kind: Kind<'a>,
+    pub(crate) seed: Seed,
+    /// Ids and places.
+    pub(crate) sites: &'a [(u64, [f64; 2])],
+}
+
 impl Attributes<'_> {
-    /// Returns the age and vigor of the plants with these ids and places.
-    pub(crate) fn draw(
-        &self,
-        ground: &Ground<'_>,
-        stand: &Stand<'_>,
-        kind: &Kind<'_>,
-        seed: Seed,
-        plants: &[(u64, [f64; 2])],
-    ) -> Result<Vec<(f32, f32)>, Error> {
-        let lifespan = kind.size.lifespan;
+    /// Returns age, from 0 to the lifespan, and vigor, from 0 to 1, of each plant.
+    pub(crate) fn draw(&self, plants: &Newcomers<'_>) -> Result<Vec<(f32, f32)>, Error> {
+        let lifespan = plants.kind.size.lifespan;
         let usual = Attribute::Range(USUAL_AGE.map(|part| part * lifespan));
         let age = self.age.as_ref().unwrap_or(&usual);
-        let ages =
-            numbers(age, Noise::Relative(self.age_noise), "age", ground, stand, seed, plants)?;
+        let ages = plants.numbers("age", age, Noise::Relative(self.age_noise))?;
         let vigors = match self.vigor {
-            Some(vigor) => {
-                let noise = Noise::Absolute(self.vigor_noise);
-                numbers(vigor, noise, "vigor", ground, stand, seed, plants)?
-            }
-            None => {
-                let natural = |&(id, [x, y]): &(u64, [f64; 2])| {
-                    kind.ecology.vigor(ground.soil_moisture(x, y), seed, id)
-                };
-                plants.par_iter().map(natural).collect()
-            }
+            Some(vigor) => plants.numbers("vigor", vigor, Noise::Absolute(self.vigor_noise))?,
+            None => plants.natural_vigors(),
         };
-        let tidy = |(age, vigor): (f32, f32)| (age.max(0.0), vigor.clamp(0.0, 1.0));
+        let tidy = |(age, vigor): (f32, f32)| (age.clamp(0.0, lifespan), vigor.clamp(0.0, 1.0));
         Ok(ages.into_iter().zip(vigors).map(tidy).collect())
     }
 }
@@ -58,32 +52,34 @@ enum Noise {
     Relative(f32),
 }
 
-fn numbers(
-    attribute: &Attribute,
-    noise: Noise,
-    name: &str,
-    ground: &Ground<'_>,
-    stand: &Stand<'_>,
-    seed: Seed,
-    plants: &[(u64, [f64; 2])],
-) -> Result<Vec<f32>, Error> {
-    let stream = |id| seed.stream(name, id);
-    match attribute {
-        Attribute::Range([low, high]) => {
-            let (low, high) = (f64::from(*low), f64::from(*high));
-            Ok(plants.par_iter().map(|&(id, _)| stream(id).range(low, high) as f32).collect())
-        }
-        Attribute::Formula(formula) => {
-            let bound = BoundFormula::bind(formula, ground.terrain, stand)?;
-            let values = bound.numbers(plants.len(), |index| plants[index].1)?;
-            let varied = |(value, &(id, _)): (f32, &(u64, [f64; 2]))| {
-                let chance = stream(id).around(0.0, 1.0) as f32;
-                match noise {
-                    Noise::Absolute(spread) => value + spread * chance,
-                    Noise::Relative(spread) => value * (1.0 + spread * chance),
-                }
-            };
-            Ok(values.into_par_iter().zip(plants).map(varied).collect())
-        }
+impl Newcomers<'_> {
+    fn natural_vigors(&self) -> Vec<f32> {
+        let vigor = |&(id, [x, y]): &(u64, [f64; 2])| {
+            self.kind.ecology.vigor(self.ground.soil_moisture(x, y), self.seed, id)
+        };
+        self.sites.par_iter().map(vigor).collect()
+    }
+
+    /// Returns the numbers that an attribute gives; `name` names their random streams.
+    fn numbers(&self, name: &str, attribute: &Attribute, noise: Noise) -> Result<Vec<f32>, Error> {
+        let stream = |id| self.seed.stream(name, id);
+        let formula = match attribute {
+            Attribute::Range([low, high]) => {
+                let (low, high) = (f64::from(*low), f64::from(*high));
+                let drawn = |&(id, _): &(u64, _)| stream(id).range(low, high) as f32;
+                return Ok(self.sites.par_iter().map(drawn).collect());
+            }
+            Attribute::Formula(formula) => formula,
+        };
+        let bound = BoundFormula::bind(formula, self.ground.terrain, self.stand)?;
+        let values = bound.numbers(self.sites.len(), |index| self.sites[index].1)?;
+        let varied = |(value, &(id, _)): (f32, &(u64, [f64; 2]))| {
+            let chance = stream(id).around(0.0, 1.0) as f32;
+            match noise {
+                Noise::Absolute(spread) => value + spread * chance,
+                Noise::Relative(spread) => value * (1.0 + spread * chance),
+            }
+        };
+        Ok(values.into_par_iter().zip(self.sites).map(varied).collect())
     }
 }

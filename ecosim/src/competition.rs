@@ -109,15 +109,14 @@ fn strongest_over(
     plain: Plain,
     counts: impl Fn(u64) -> bool,
 ) -> u64 {
-    let mut strongest = 0;
+    let mut strongest = site.key;
     let mut look = |shift: [f64; 2]| {
         let (x, y) = (site.x + shift[0], site.y + shift[1]);
         grids.visit_stronger(site, shift, |run| {
             for other in run {
-                if other.key > site.key.max(strongest)
-                    && meets(x, y, site.radius, other)
-                    && counts(other.key)
-                {
+                // Either test is a toss-up alone: both are made, and one branch is taken.
+                let is_over = (other.key > strongest) & meets(x, y, site.radius, other);
+                if is_over && counts(other.key) {
                     strongest = other.key;
                 }
             }
@@ -133,7 +132,7 @@ fn strongest_over(
             }
         }
     }
-    strongest
+    if strongest > site.key { strongest } else { 0 }
 }
 
 /// Whether two circles share more than a point: d² < (r₁ + r₂)².

@@ -23,7 +23,6 @@ const MOST_CELLS: f64 = 6.4e7;
 /// the species cannot stand.
 pub(crate) struct Density<'a> {
     image: Option<ImageField<'a>>,
-    invert: bool,
     per_m2: f64,
     formula: Option<BoundFormula<'a>>,
     ground: &'a Ground<'a>,
@@ -94,13 +93,12 @@ impl<'a> Density<'a> {
                         .hint("give `per_m2`, the plants per m² where it is full")
                         .into());
                 }
-                Some(ImageField::new(path, image, site.ground.frame())?)
+                Some(ImageField::new(path, image, halftone.invert, site.ground.frame())?)
             }
         };
         let bind = |formula| BoundFormula::bind(formula, site.around.terrain, stand);
         Ok(Self {
             image,
-            invert: halftone.invert,
             per_m2: halftone.per_m2.map_or(1.0, f64::from),
             formula: halftone.formula.as_ref().map(bind).transpose()?,
             ground: &site.ground,
@@ -111,6 +109,9 @@ impl<'a> Density<'a> {
     /// Returns the density in each cell of `frame`, plants per m²; 0 where the species cannot
     /// stand or nothing is wanted.
     pub(crate) fn raster(&self, frame: Frame) -> Result<Grid, Error> {
+        if frame.is_empty() {
+            return Ok(Grid { frame, values: Vec::new() });
+        }
         let terrain = *self.ground.frame();
         let center =
             |i: usize| Patch::of(&frame, &terrain, i % frame.width, i / frame.width).center();
@@ -121,8 +122,9 @@ impl<'a> Density<'a> {
         values.par_chunks_mut(frame.width).enumerate().for_each(|(row, line)| {
             for (column, value) in line.iter_mut().enumerate() {
                 let wanted = f64::from(value.max(0.0)) * self.per_m2;
-                let [x, y] = Patch::of(&frame, &terrain, column, row).center();
-                let wanted = wanted * f64::from(self.painted(x, y, frame.cell));
+                let patch = Patch::of(&frame, &terrain, column, row);
+                let wanted = wanted * f64::from(self.painted(&patch));
+                let [x, y] = patch.center();
                 let is_possible = wanted > 0.0 && self.ground.bears(self.kind.ecology, x, y);
                 *value = if is_possible { wanted as f32 } else { 0.0 };
             }
@@ -130,31 +132,51 @@ impl<'a> Density<'a> {
         Ok(Grid { frame, values })
     }
 
-    fn painted(&self, x: f64, y: f64, side: f64) -> f32 {
-        match &self.image {
-            None => 1.0,
-            Some(image) if !image.covers(x, y) => 0.0,
-            Some(image) if self.invert => (1.0 - image.mean(x, y, side)).max(0.0),
-            Some(image) => image.mean(x, y, side),
-        }
+    fn painted(&self, patch: &Patch) -> f32 {
+        self.image.map_or(1.0, |image| image.mean(patch))
+    }
+
+    /// Returns whether a plant may stand at a place: its species bears it, and something is
+    /// painted there.
+    pub(crate) fn is_welcome(&self, x: f64, y: f64) -> bool {
+        self.image.is_none_or(|image| image.nearest(x, y) > 0.0)
+            && self.ground.bears(self.kind.ecology, x, y)
     }
 
     /// Takes a first look at the whole terrain: where plants are wanted, and how dense.
     ///
-    /// Features narrower than a terrain cell that lie more than two cells from any other are
-    /// not found.
+    /// Every pixel of an image counts. Features of a formula narrower than a terrain cell that lie
+    /// more than two cells from any other are not found.
     pub(crate) fn look(&self) -> Result<Look, Error> {
         let terrain = self.ground.frame();
         let (width, height) = (terrain.east() - terrain.west, terrain.north() - terrain.south);
         let cell = terrain.cell.max((width * height / LOOK_CELLS).sqrt());
         let grid = self.raster(covering(terrain, cell))?;
-        let greatest = grid.values.iter().fold(0.0f32, |most, &value| most.max(value));
+        let greatest = self.greatest(&grid);
         if let (Some(formula), false) = (&self.formula, greatest.is_finite()) {
             let problem = Problem::at(formula.span(), "this gives an infinite density somewhere");
             return Err(problem.hint("guard divisions with `max`").into());
         }
         let count = grid.values.iter().map(|value| f64::from(*value)).sum::<f64>() * cell * cell;
         Ok(Look { grid, greatest, count })
+    }
+
+    /// Returns the greatest density, plants per m².
+    ///
+    /// A cell of the first look averages the pixels in it; dots of an image smaller than that
+    /// are denser than their cell, by up to the brightest pixel over the cell's mean.
+    fn greatest(&self, look: &Grid) -> f32 {
+        let frame = look.frame;
+        let peak = self.image.map_or(1.0, |image| image.brightest());
+        let at_most = |(index, &value): (usize, &f32)| {
+            if value == 0.0 || self.image.is_none() {
+                return value;
+            }
+            let patch =
+                Patch::of(&frame, self.ground.frame(), index % frame.width, index / frame.width);
+            value * (peak / self.painted(&patch)).max(1.0)
+        };
+        look.values.par_iter().enumerate().map(at_most).reduce(|| 0.0, f32::max)
     }
 
     /// Returns the raster whose cells hold at most one plant, cropped to where plants are

@@ -1,6 +1,7 @@
 //! Numbers at places: terrain layers, crown shadows, images and formulas over them.
 
 use crate::Error;
+use crate::density::Patch;
 use crate::shadow::crown_shadow;
 use crate::stand::Stand;
 use rayon::prelude::*;
@@ -142,6 +143,8 @@ impl<'a> BoundFormula<'a> {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct ImageField<'a> {
     image: &'a Image,
+    /// Whether black means dense.
+    invert: bool,
     west: f64,
     north: f64,
     pixel_x: f64,
@@ -157,12 +160,20 @@ impl<'a> ImageField<'a> {
     pub(crate) fn new(
         path: &Written<String>,
         image: &'a Image,
+        invert: bool,
         terrain: &Frame,
     ) -> Result<Self, Error> {
         check_image(path, image)?;
         if let Some(frame) = image.frame {
             let (west, north) = (frame.west, frame.north());
-            return Ok(Self { image, west, north, pixel_x: frame.cell, pixel_y: frame.cell });
+            return Ok(Self {
+                image,
+                invert,
+                west,
+                north,
+                pixel_x: frame.cell,
+                pixel_y: frame.cell,
+            });
         }
         let (width, height) = (image.width as f64, image.height as f64);
         let (metres_x, metres_y) =
@@ -179,58 +190,63 @@ impl<'a> ImageField<'a> {
                 .into());
         }
         let (pixel_x, pixel_y) = (metres_x / width, metres_y / height);
-        Ok(Self { image, west: terrain.west, north: terrain.north(), pixel_x, pixel_y })
+        let (west, north) = (terrain.west, terrain.north());
+        Ok(Self { image, invert, west, north, pixel_x, pixel_y })
     }
 
-    /// Returns the mean of the pixels whose centres lie in a square of side `side` about a
-    /// place, or the pixel there when none does; outside the image, 0 (or 1 when inverted: what
-    /// is beyond the paper is white).
-    pub(crate) fn mean(&self, x: f64, y: f64, side: f64) -> f32 {
-        let half = 0.5 * side;
-        let columns = centres((x - half - self.west) / self.pixel_x, side / self.pixel_x);
-        let rows = centres((self.north - y - half) / self.pixel_y, side / self.pixel_y);
-        let columns = clip(columns, self.image.width);
-        let rows = clip(rows, self.image.height);
-        if columns.is_empty() || rows.is_empty() {
-            return self.nearest(x, y);
+    /// Returns the mean value over a patch, each pixel weighted by the area that it shares with
+    /// it, so that the sum over the cells of any raster is the sum over the image.
+    ///
+    /// What lies beyond the image counts as 0, also when inverted.
+    pub(crate) fn mean(&self, patch: &Patch) -> f32 {
+        let along = |edge: f64| (edge - self.west) / self.pixel_x;
+        let down = |edge: f64| (self.north - edge) / self.pixel_y;
+        let (left, right) = (along(patch.west), along(patch.east));
+        let (top, bottom) = (down(patch.north), down(patch.south));
+        let mut sum = 0.0;
+        for row in touched(top, bottom, self.image.height) {
+            let line = &self.image.values[row * self.image.width..][..self.image.width];
+            let columns = touched(left, right, self.image.width);
+            let shares = columns.map(|c| shared(left, right, c) * f64::from(self.value(line[c])));
+            sum += shared(top, bottom, row) * shares.sum::<f64>();
         }
-        let count = columns.len() * rows.len();
-        let sum: f64 = rows
-            .flat_map(|row| columns.clone().map(move |column| (column, row)))
-            .map(|(column, row)| f64::from(self.image.values[row * self.image.width + column]))
-            .sum();
-        (sum / count as f64) as f32
+        let area = (right - left) * (bottom - top);
+        if area > 0.0 { (sum / area) as f32 } else { 0.0 }
     }
 
-    fn nearest(&self, x: f64, y: f64) -> f32 {
+    /// Returns the value of the pixel that holds a place; 0 outside the image.
+    pub(crate) fn nearest(&self, x: f64, y: f64) -> f32 {
         let column = ((x - self.west) / self.pixel_x).floor();
         let row = ((self.north - y) / self.pixel_y).floor();
         let inside = column >= 0.0
             && row >= 0.0
             && column < self.image.width as f64
             && row < self.image.height as f64;
-        if inside {
-            self.image.values[row as usize * self.image.width + column as usize]
-        } else {
-            0.0
-        }
+        let index = || row as usize * self.image.width + column as usize;
+        if inside { self.value(self.image.values[index()]) } else { 0.0 }
     }
 
-    /// Returns whether a place lies on the image.
-    pub(crate) fn covers(&self, x: f64, y: f64) -> bool {
-        let (u, v) = ((x - self.west) / self.pixel_x, (self.north - y) / self.pixel_y);
-        u >= 0.0 && v >= 0.0 && u < self.image.width as f64 && v < self.image.height as f64
+    /// Returns what a pixel stands for.
+    fn value(&self, pixel: f32) -> f32 {
+        if self.invert { (1.0 - pixel).max(0.0) } else { pixel }
+    }
+
+    /// Returns the greatest value.
+    pub(crate) fn brightest(&self) -> f32 {
+        self.image.values.iter().map(|&pixel| self.value(pixel)).fold(0.0, f32::max)
     }
 }
 
-/// Returns the pixels whose centres lie in `start..start + length`, both in pixels.
-fn centres(start: f64, length: f64) -> std::ops::Range<f64> {
-    (start - 0.5).ceil()..(start + length - 0.5).ceil()
+/// Returns the pixels that `from..to` touches, all in pixels.
+fn touched(from: f64, to: f64, size: usize) -> std::ops::Range<usize> {
+    // Casts of negative numbers give 0.
+    (from.floor() as usize).min(size)..(to.ceil() as usize).min(size)
 }
 
-fn clip(range: std::ops::Range<f64>, size: usize) -> std::ops::Range<usize> {
-    // Casts from negative floats saturate at 0.
-    (range.start as usize).min(size)..(range.end as usize).min(size)
+/// Returns the length of the part of pixel `index` that lies in `from..to`.
+fn shared(from: f64, to: f64, index: usize) -> f64 {
+    let (start, end) = (index as f64, (index + 1) as f64);
+    (to.min(end) - from.max(start)).max(0.0)
 }
 
 fn check_image(path: &Written<String>, image: &Image) -> Result<(), Error> {
@@ -269,18 +285,22 @@ mod tests {
     #[test]
     fn an_image_without_a_map_covers_the_terrain_from_rim_to_rim() {
         let image = image(4, 2);
-        let field = ImageField::new(&path(), &image, &FRAME).unwrap();
+        let field = ImageField::new(&path(), &image, false, &FRAME).unwrap();
         // Pixels are 2 m wide; row 0 is the north.
-        assert_eq!(field.mean(101.0, 53.0, 0.1), 0.0);
-        assert_eq!(field.mean(107.9, 50.1, 0.1), 7.0);
-        // A square over the whole terrain holds every pixel once.
-        assert_eq!(field.mean(104.0, 52.0, 8.0), 3.5);
+        assert_eq!(field.nearest(101.0, 53.0), 0.0);
+        assert_eq!(field.nearest(107.9, 50.1), 7.0);
+        let patch = |west, east, south, north| Patch { west, east, south, north };
+        assert_eq!(field.mean(&patch(100.0, 108.0, 50.0, 54.0)), 3.5);
+        // A quarter of pixel 5 and three quarters of pixel 6, in the south row.
+        assert_eq!(field.mean(&patch(103.5, 105.5, 50.5, 51.5)), 5.75);
+        // Half beyond the paper.
+        assert_eq!(field.mean(&patch(107.0, 109.0, 50.0, 51.0)), 3.5);
     }
 
     #[test]
     fn an_image_of_another_aspect_is_refused_with_the_size_that_fits() {
         let image = image(4, 4);
-        let error = ImageField::new(&path(), &image, &FRAME).unwrap_err().to_string();
+        let error = ImageField::new(&path(), &image, false, &FRAME).unwrap_err().to_string();
         assert!(error.contains("another size") && error.contains("4 x 2 pixels"), "{error}");
     }
 
@@ -288,7 +308,7 @@ mod tests {
     fn an_image_with_nan_is_refused_at_its_pixel() {
         let mut image = image(4, 2);
         image.values[6] = f32::NAN;
-        let error = ImageField::new(&path(), &image, &FRAME).unwrap_err().to_string();
+        let error = ImageField::new(&path(), &image, false, &FRAME).unwrap_err().to_string();
         assert!(error.contains("column 2, row 1"), "{error}");
     }
 }

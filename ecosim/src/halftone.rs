@@ -1,7 +1,7 @@
 //! From densities to plants: dithering and relaxation, or a grid of patches.
 
 use crate::Error;
-use crate::attribute::Attributes;
+use crate::attribute::{Attributes, Newcomers};
 use crate::config::{Arrange, Halftone};
 use crate::density::{Density, Patch, covering};
 use crate::dither::dither;
@@ -11,6 +11,9 @@ use crate::steps::Site;
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_PI_2, TAU};
 use weald_contract::{Frame, Grid, Plant, Problem, Span};
+
+/// Attempts to find a place in a cell that the rim of what is painted, or a shore, crosses.
+const ATTEMPTS: usize = 16;
 
 /// Adds the plants that the step's density asks for.
 pub(crate) fn run(
@@ -22,7 +25,7 @@ pub(crate) fn run(
     let kind = stand.kind(species);
     let density = Density::new(halftone, kind, site, stand)?;
     let sites = match halftone.arrange {
-        Arrange::Scatter => scatter(halftone, &density, &kind, site, stand)?,
+        Arrange::Scatter => scatter(halftone, &density, site, stand)?,
         Arrange::Grid => grid(halftone, &density, &kind, site, stand)?,
     };
     let plants = grown(halftone, &sites, species, &kind, site, stand)?;
@@ -45,7 +48,8 @@ fn grown(
         vigor: &halftone.vigor,
         vigor_noise: halftone.vigor_noise,
     };
-    let drawn = attributes.draw(&site.ground, stand, kind, site.seed, sites)?;
+    let (ground, seed, kind) = (&site.ground, site.seed, *kind);
+    let drawn = attributes.draw(&Newcomers { ground, stand, kind, seed, sites })?;
     let plant = |(&(id, [x, y]), (age, vigor)): (&(u64, [f64; 2]), (f32, f32))| {
         let mut stream = site.seed.stream("yaw", id);
         let yaw = match halftone.arrange {
@@ -53,7 +57,7 @@ fn grown(
             // Square patches tile only when turned by quarters.
             Arrange::Grid => stream.below(4) as f32 * FRAC_PI_2,
         };
-        settle(&site.ground, kind, species, Spot { id, x, y, age, vigor, yaw })
+        settle(ground, &kind, species, Spot { id, x, y, age, vigor, yaw })
     };
     Ok(sites.par_iter().zip(drawn).map(plant).collect())
 }
@@ -62,7 +66,6 @@ fn grown(
 fn scatter(
     halftone: &Halftone,
     density: &Density<'_>,
-    kind: &Kind<'_>,
     site: &Site<'_>,
     stand: &Stand<'_>,
 ) -> Result<Vec<(u64, [f64; 2])>, Error> {
@@ -85,8 +88,8 @@ fn scatter(
     stand.check_room(total.round() as u64, &what)?;
     let cells = dither(raster.frame.width, expected);
     site.progress.advance(1);
-    let homes: Vec<[f64; 2]> =
-        cells.iter().map(|&cell| jittered(cell, &raster.frame, terrain, site)).collect();
+    let home = |&cell: &usize| home_in(cell, &raster.frame, density, site);
+    let homes: Vec<[f64; 2]> = cells.par_iter().map(home).collect();
     let mut places = homes.clone();
     if halftone.relax > 0 {
         let lloyd = Lloyd::new(&raster, places.len());
@@ -97,16 +100,12 @@ fn scatter(
         }
     }
     let whole = covering(terrain, raster.frame.cell);
-    let placed = |(&cell, place): (&usize, [f64; 2])| {
-        let id = site.ids.id(number_in(&whole, &raster.frame, cell));
-        let center =
-            Patch::of(&raster.frame, terrain, cell % raster.frame.width, cell / raster.frame.width)
-                .center();
-        // Cell and ground are sampled at centres; a plant that moved off what bears it goes
-        // back to where it was found to stand.
-        (id, if site.ground.bears(kind.ecology, place[0], place[1]) { place } else { center })
+    let placed = |(index, [x, y]): (usize, [f64; 2])| {
+        let id = site.ids.id(number_in(&whole, &raster.frame, cells[index]));
+        // The raster knows cells only; a plant that left what bears it goes back home.
+        (id, if density.is_welcome(x, y) { [x, y] } else { homes[index] })
     };
-    Ok(cells.par_iter().zip(places).map(placed).collect())
+    Ok(places.into_par_iter().enumerate().map(placed).collect())
 }
 
 fn sum(values: &[f32]) -> f64 {
@@ -143,11 +142,17 @@ fn check_one_a_cell(
     Err(Problem::at(span, message).hint(hint).into())
 }
 
-/// Returns a random place in the part of a cell that lies on the terrain.
-fn jittered(cell: usize, frame: &Frame, terrain: &Frame, site: &Site<'_>) -> [f64; 2] {
-    let patch = Patch::of(frame, terrain, cell % frame.width, cell / frame.width);
+/// Returns a random place in the part of a cell that lies on the terrain, where the plant is
+/// welcome; the centre if none is found, which is where the ground was found to bear it.
+fn home_in(cell: usize, frame: &Frame, density: &Density<'_>, site: &Site<'_>) -> [f64; 2] {
+    let (column, row) = (cell % frame.width, cell / frame.width);
+    let patch = Patch::of(frame, site.ground.frame(), column, row);
     let mut stream = site.seed.stream("jitter", cell as u64);
-    [stream.range(patch.west, patch.east), stream.range(patch.south, patch.north)]
+    let mut draw =
+        || [stream.range(patch.west, patch.east), stream.range(patch.south, patch.north)];
+    let places = std::iter::repeat_with(&mut draw).take(ATTEMPTS);
+    let welcome = places.into_iter().find(|&[x, y]| density.is_welcome(x, y));
+    welcome.unwrap_or(patch.center())
 }
 
 /// Returns a cell's number in the frame that covers the terrain: the same whatever part of it

@@ -18,6 +18,7 @@ mod field;
 mod ground;
 mod halftone;
 mod ids;
+mod mass;
 mod neighbors;
 mod place;
 mod relax;
@@ -26,6 +27,7 @@ mod simulate;
 mod species;
 mod stand;
 mod steps;
+mod voronoi;
 
 pub use competition::{Circle, Plain, dominators};
 pub use config::{
@@ -83,8 +85,9 @@ pub struct Outcome {
 
 /// State of one species at the end of a simulated year.
 ///
-/// The ledger closes: `alive` is the `alive` of the year before, plus `births`, minus
-/// `dominated` and `old`.
+/// The ledger closes within a `simulate` step: `alive` is the `alive` of the row before, plus
+/// `births`, minus `dominated` and `old`. Where other steps or a sowing changed the plants, a step
+/// begins with a row for the state that it finds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SummaryRow {
     /// Years since the first simulated year began, over all `simulate` steps.

@@ -1,7 +1,7 @@
 //! Plants placed one by one: a table, or points in the scene.
 
 use crate::Error;
-use crate::attribute::Attributes;
+use crate::attribute::{Attributes, Newcomers};
 use crate::config::Place;
 use crate::stand::{Kind, Spot, Stand, fault, settle, stand_on};
 use crate::steps::Site;
@@ -97,7 +97,8 @@ fn from_points(
     }
     let (age, vigor) = (&place.age, &place.vigor);
     let attributes = Attributes { age, age_noise: 0.0, vigor, vigor_noise: 0.0 };
-    let drawn = attributes.draw(&site.ground, stand, &kind, site.seed, &spots)?;
+    let (ground, seed) = (&site.ground, site.seed);
+    let drawn = attributes.draw(&Newcomers { ground, stand, kind, seed, sites: &spots })?;
     let plant = |(&(id, [x, y]), (age, vigor)): (&(u64, [f64; 2]), (f32, f32))| {
         let yaw = site.seed.stream("yaw", id).range(0.0, std::f64::consts::TAU) as f32;
         settle(&site.ground, &kind, index, Spot { id, x, y, age, vigor, yaw })

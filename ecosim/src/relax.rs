@@ -15,9 +15,11 @@ use crate::Error;
 use crate::config::RelaxStep;
 use crate::density::covering;
 use crate::field::BoundFormula;
+use crate::mass::{MASS_CELLS, Masses, Sweep};
 use crate::stand::{Stand, stand_on};
 use crate::steps::Site;
-use delaunator::{EMPTY, Point, Triangulation, next_halfedge, triangulate};
+use crate::voronoi::Cells;
+use delaunator::Point;
 use rayon::prelude::*;
 use std::f64::consts::SQRT_2;
 use weald_contract::{Frame, Grid};
@@ -34,12 +36,6 @@ const LONGEST_MOVE: f64 = 0.5;
 /// centre. 1.8 needs half as many passes as 1 for the same evenness (measured on constant and
 /// painted densities) and loses no fidelity.
 const OVER: f64 = 1.8;
-/// Lines along which a polygon's mass is summed, at least.
-const LEAST_LINES: f64 = 10.0;
-/// Most cells of the raster of masses; finer densities are averaged down to it.
-const MASS_CELLS: usize = 4_000_000;
-/// Neighbours of a plant that triangulation leaves out: one of too few for a mesh, or a twin.
-const FEW: usize = 8;
 
 /// How one pass of relaxation moves plants.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -166,10 +162,30 @@ fn relax_tile(
     let relaxed = |(own, member): (usize, &Member)| {
         let spacing = masses.spacing(member.place).min(widest);
         let target = masses.centroid(cells.polygon(own, REACH * spacing), &mut sweep)?;
-        let place = masses.step(member.place, target, spacing, relaxation.step);
+        let longest = LONGEST_MOVE * spacing;
+        let place = destination(member.place, target, longest, relaxation.step, masses);
         Some(Member { place, ..*member })
     };
     tile.members.iter().enumerate().filter_map(relaxed).collect()
+}
+
+/// Returns where a plant goes that wants to move to `target`: `step` times the way, at most
+/// [`LONGEST_MOVE`] spacings, and less far or nowhere where it would leave what is wanted.
+fn destination(
+    site: [f64; 2],
+    target: [f64; 2],
+    longest: f64,
+    step: f64,
+    masses: &Masses<'_>,
+) -> [f64; 2] {
+    let (du, dv) = (step * (target[0] - site[0]), step * (target[1] - site[1]));
+    let length = (du * du + dv * dv).sqrt();
+    let shrink = if length > longest { longest / length } else { 1.0 };
+    [1.0, 0.5, 0.25]
+        .iter()
+        .map(|part| [site[0] + part * shrink * du, site[1] + part * shrink * dv])
+        .find(|place| masses.density_at(*place) > 0.0)
+        .unwrap_or(site)
 }
 
 /// Returns the tile's plants, then all others within `ring` of its rectangle.
@@ -188,337 +204,6 @@ fn with_ring(tile: &Tile<'_>, tiles: &[Tile<'_>], ring: f64) -> Vec<Point> {
         sites.extend(other.members.iter().filter(inside).map(point));
     }
     sites
-}
-
-/// Voronoi polygons of sites.
-struct Cells<'a> {
-    sites: &'a [Point],
-    mesh: Triangulation,
-    /// Circumcentres of the triangles: the corners of the polygons.
-    corners: Vec<[f64; 2]>,
-    /// For each site, a half-edge that ends in it, on the rim where there is one; `EMPTY` for
-    /// sites that the mesh leaves out.
-    arrivals: Vec<usize>,
-    polygon: Vec<[f64; 2]>,
-    spare: Vec<[f64; 2]>,
-    neighbours: Vec<usize>,
-}
-
-impl<'a> Cells<'a> {
-    fn new(sites: &'a [Point]) -> Self {
-        let mesh = triangulate(sites);
-        let corner = |t: &[usize]| circumcentre(&sites[t[0]], &sites[t[1]], &sites[t[2]]);
-        let corners = mesh.triangles.chunks_exact(3).map(corner).collect();
-        let mut arrivals = vec![EMPTY; sites.len()];
-        for edge in 0..mesh.triangles.len() {
-            let end = mesh.triangles[next_halfedge(edge)];
-            if arrivals[end] == EMPTY || mesh.halfedges[edge] == EMPTY {
-                arrivals[end] = edge;
-            }
-        }
-        let (polygon, spare, neighbours) = (Vec::new(), Vec::new(), Vec::new());
-        Self { sites, mesh, corners, arrivals, polygon, spare, neighbours }
-    }
-
-    /// Returns the polygon of a site within the square of half side `reach` about it.
-    fn polygon(&mut self, own: usize, reach: f64) -> &[[f64; 2]] {
-        let is_whole = self.go_around(own);
-        let site = &self.sites[own];
-        let is_inside = |corner: &[f64; 2]| {
-            (corner[0] - site.x).abs() <= reach && (corner[1] - site.y).abs() <= reach
-        };
-        if !is_whole || !self.polygon.iter().all(is_inside) {
-            self.cut_square(own, reach);
-        }
-        &self.polygon
-    }
-
-    /// Gathers a site's neighbours and the corners of its polygon in turn; says whether they
-    /// go all the way around.
-    fn go_around(&mut self, own: usize) -> bool {
-        self.polygon.clear();
-        self.neighbours.clear();
-        let first = self.arrivals[own];
-        if first == EMPTY {
-            // Twins of other sites, and sites too few for a mesh: everyone is a neighbour.
-            let few = 0..self.sites.len().min(FEW);
-            self.neighbours.extend(few.filter(|&other| other != own));
-            return false;
-        }
-        let mut arrival = first;
-        loop {
-            self.neighbours.push(self.mesh.triangles[arrival]);
-            self.polygon.push(self.corners[arrival / 3]);
-            let departure = next_halfedge(arrival);
-            arrival = self.mesh.halfedges[departure];
-            if arrival == EMPTY {
-                self.neighbours.push(self.mesh.triangles[next_halfedge(departure)]);
-                return false;
-            }
-            if arrival == first {
-                return true;
-            }
-        }
-    }
-
-    /// Leaves in `polygon` the square about a site, cut by the bisectors towards its neighbours.
-    fn cut_square(&mut self, own: usize, reach: f64) {
-        let &Point { x, y } = &self.sites[own];
-        self.polygon.clear();
-        self.polygon.extend([
-            [x - reach, y - reach],
-            [x + reach, y - reach],
-            [x + reach, y + reach],
-            [x - reach, y + reach],
-        ]);
-        for &neighbour in &self.neighbours {
-            let other = &self.sites[neighbour];
-            let normal = [other.x - x, other.y - y];
-            // Points p with (p - site)·normal = |normal|²/2 are as near to one as to the other.
-            let half = 0.5 * (normal[0] * normal[0] + normal[1] * normal[1]);
-            if half == 0.0 {
-                continue;
-            }
-            clip(&self.polygon, &mut self.spare, |p| {
-                (p[0] - x) * normal[0] + (p[1] - y) * normal[1] - half
-            });
-            std::mem::swap(&mut self.polygon, &mut self.spare);
-        }
-    }
-}
-
-/// Returns the point as far from `a` as from `b` and `c`; not finite when they lie on a line.
-fn circumcentre(a: &Point, b: &Point, c: &Point) -> [f64; 2] {
-    let (bx, by, cx, cy) = (b.x - a.x, b.y - a.y, c.x - a.x, c.y - a.y);
-    let (b2, c2) = (bx * bx + by * by, cx * cx + cy * cy);
-    let scale = 0.5 / (bx * cy - by * cx);
-    [a.x + (cy * b2 - by * c2) * scale, a.y + (bx * c2 - cx * b2) * scale]
-}
-
-/// Leaves in `inside` the part of a convex polygon where `beyond` is not positive.
-fn clip(polygon: &[[f64; 2]], inside: &mut Vec<[f64; 2]>, beyond: impl Fn([f64; 2]) -> f64) {
-    inside.clear();
-    let Some(&last) = polygon.last() else { return };
-    let (mut from, mut from_beyond) = (last, beyond(last));
-    for &to in polygon {
-        let to_beyond = beyond(to);
-        if (from_beyond > 0.0) != (to_beyond > 0.0) {
-            let t = from_beyond / (from_beyond - to_beyond);
-            inside.push([from[0] + t * (to[0] - from[0]), from[1] + t * (to[1] - from[1])]);
-        }
-        if to_beyond <= 0.0 {
-            inside.push(to);
-        }
-        (from, from_beyond) = (to, to_beyond);
-    }
-}
-
-/// Evenly spaced lines across a convex polygon, and where each enters and leaves it.
-#[derive(Default)]
-struct Sweep {
-    top: f64,
-    apart: f64,
-    spans: Vec<(f64, f64)>,
-}
-
-impl Sweep {
-    /// Draws lines at least `finest` apart unless that were fewer than [`LEAST_LINES`], between
-    /// 0 and `bottom`; says whether any line meets the polygon.
-    fn draw(&mut self, polygon: &[[f64; 2]], finest: f64, bottom: f64) -> bool {
-        let start = (f64::INFINITY, f64::NEG_INFINITY);
-        let (low, high) = polygon.iter().fold(start, |(l, h), p| (l.min(p[1]), h.max(p[1])));
-        let (top, bottom) = (low.max(0.0), high.min(bottom));
-        if top.partial_cmp(&bottom) != Some(std::cmp::Ordering::Less) {
-            return false;
-        }
-        let lines = ((bottom - top) / finest).ceil().max(LEAST_LINES);
-        (self.top, self.apart) = (top, (bottom - top) / lines);
-        self.spans.clear();
-        self.spans.resize(lines as usize, start);
-        let mut from = polygon[polygon.len() - 1];
-        for &to in polygon {
-            self.cross(from, to);
-            from = to;
-        }
-        true
-    }
-
-    /// Widens the spans of the lines that an edge crosses.
-    fn cross(&mut self, from: [f64; 2], to: [f64; 2]) {
-        let (upper, lower) = if from[1] <= to[1] { (from, to) } else { (to, from) };
-        // Line k lies at top + (k + 1/2) apart; casts of negative numbers give 0.
-        let line = |v: f64| ((v - self.top) / self.apart + 0.5) as usize;
-        let lines = line(upper[1])..line(lower[1]).min(self.spans.len());
-        let slope = (lower[0] - upper[0]) / (lower[1] - upper[1]);
-        for index in lines {
-            let u = upper[0] + (self.at(index) - upper[1]) * slope;
-            let (low, high) = self.spans[index];
-            self.spans[index] = (low.min(u), high.max(u));
-        }
-    }
-
-    fn at(&self, index: usize) -> f64 {
-        self.top + (index as f64 + 0.5) * self.apart
-    }
-}
-
-/// Running sums along a row up to a cell's west edge.
-#[derive(Clone, Copy, Default)]
-struct Running {
-    /// Mass, per metre of the row's width across.
-    mass: f64,
-    /// First moment of the mass about the raster's west edge.
-    moment: f64,
-}
-
-/// The square of a density, ready for integrals along rows.
-///
-/// Local coordinates run east and south from the raster's north-west corner.
-struct Masses<'a> {
-    density: &'a Grid,
-    /// Factor that makes the density plants per m².
-    scale: f64,
-    /// Raster of masses, as coarse as need be.
-    width: usize,
-    height: usize,
-    cell: f64,
-    weights: Vec<f32>,
-    /// `width + 1` sums a row.
-    running: Vec<Running>,
-}
-
-impl<'a> Masses<'a> {
-    fn new(density: &'a Grid, count: usize) -> Self {
-        let frame = density.frame;
-        let factor = ((frame.len() as f64 / MASS_CELLS as f64).sqrt().ceil() as usize).max(1);
-        let (width, height) = (frame.width.div_ceil(factor), frame.height.div_ceil(factor));
-        let cell = frame.cell * factor as f64;
-        let mut weights = vec![0.0f32; width * height];
-        weights.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
-            for (column, weight) in line.iter_mut().enumerate() {
-                let mean = block_mean(density, factor, column, row);
-                *weight = mean * mean;
-            }
-        });
-        let mut running = vec![Running::default(); (width + 1) * height];
-        running.par_chunks_mut(width + 1).zip(weights.par_chunks(width.max(1))).for_each(
-            |(sums, line)| {
-                for (column, &weight) in line.iter().enumerate() {
-                    let (from, to) = (column as f64 * cell, (column + 1) as f64 * cell);
-                    let weight = f64::from(weight);
-                    let last = sums[column];
-                    sums[column + 1] = Running {
-                        mass: last.mass + weight * cell,
-                        moment: last.moment + weight * 0.5 * (to * to - from * from),
-                    };
-                }
-            },
-        );
-        let rows = density.values.par_chunks(frame.width.max(1));
-        let sums: Vec<f64> =
-            rows.map(|row| row.iter().map(|value| f64::from(value.max(0.0))).sum()).collect();
-        let plants = sums.iter().sum::<f64>() * frame.cell_area();
-        let scale = if plants > 0.0 { count as f64 / plants } else { 0.0 };
-        Self { density, scale, width, height, cell, weights, running }
-    }
-
-    /// Returns the longest distance on the raster, m.
-    fn diagonal(&self) -> f64 {
-        let frame = self.density.frame;
-        frame.cell * ((frame.width * frame.width + frame.height * frame.height) as f64).sqrt()
-    }
-
-    fn local(&self, [x, y]: [f64; 2]) -> [f64; 2] {
-        let frame = self.density.frame;
-        [x - frame.west, frame.north() - y]
-    }
-
-    fn on_map(&self, [u, v]: [f64; 2]) -> [f64; 2] {
-        let frame = self.density.frame;
-        [frame.west + u, frame.north() - v]
-    }
-
-    /// Returns the density wanted at a local place, plants per m²; 0 outside.
-    fn density_at(&self, [u, v]: [f64; 2]) -> f64 {
-        let frame = self.density.frame;
-        let (column, row) = ((u / frame.cell).floor(), (v / frame.cell).floor());
-        let is_inside =
-            column >= 0.0 && row >= 0.0 && column < frame.width as f64 && row < frame.height as f64;
-        if !is_inside {
-            return 0.0;
-        }
-        let value = self.density.values[row as usize * frame.width + column as usize];
-        f64::from(value.max(0.0)) * self.scale
-    }
-
-    /// Returns the spacing of plants at the density wanted at a place; infinite where it is 0.
-    fn spacing(&self, place: [f64; 2]) -> f64 {
-        1.0 / self.density_at(place).sqrt()
-    }
-
-    /// Returns the centre of mass of a convex polygon; `None` when it holds no mass.
-    ///
-    /// Sums midpoint lines, each exact along its row.
-    fn centroid(&self, polygon: &[[f64; 2]], sweep: &mut Sweep) -> Option<[f64; 2]> {
-        if !sweep.draw(polygon, self.cell, self.height as f64 * self.cell) {
-            return None;
-        }
-        let (mut mass, mut moment_u, mut moment_v) = (0.0, 0.0, 0.0);
-        for (line, &(from, to)) in sweep.spans.iter().enumerate().filter(|(_, s)| s.0 < s.1) {
-            let v = sweep.at(line);
-            let row = ((v / self.cell) as usize).min(self.height - 1);
-            let (start, end) = (self.sums(row, from), self.sums(row, to));
-            let along = end.mass - start.mass;
-            mass += along;
-            moment_u += end.moment - start.moment;
-            moment_v += along * v;
-        }
-        (mass > 0.0).then(|| [moment_u / mass, moment_v / mass])
-    }
-
-    /// Returns the sums along a row up to `u`.
-    fn sums(&self, row: usize, u: f64) -> Running {
-        let u = u.clamp(0.0, self.width as f64 * self.cell);
-        let column = ((u / self.cell) as usize).min(self.width - 1);
-        let edge = column as f64 * self.cell;
-        let weight = f64::from(self.weights[row * self.width + column]);
-        let before = self.running[row * (self.width + 1) + column];
-        Running {
-            mass: before.mass + weight * (u - edge),
-            moment: before.moment + weight * 0.5 * (u * u - edge * edge),
-        }
-    }
-
-    /// Returns where a plant goes that wants to move to `target`: `step` times the way, at most
-    /// [`LONGEST_MOVE`] spacings, and less far or nowhere where it would leave what is wanted.
-    fn step(&self, site: [f64; 2], target: [f64; 2], spacing: f64, step: f64) -> [f64; 2] {
-        let (du, dv) = (step * (target[0] - site[0]), step * (target[1] - site[1]));
-        let length = (du * du + dv * dv).sqrt();
-        let longest = LONGEST_MOVE * spacing;
-        let shrink = if length > longest { longest / length } else { 1.0 };
-        [1.0, 0.5, 0.25]
-            .iter()
-            .map(|part| [site[0] + part * shrink * du, site[1] + part * shrink * dv])
-            .find(|place| self.density_at(*place) > 0.0)
-            .unwrap_or(site)
-    }
-}
-
-/// Returns the mean density of a block of cells, counting those beyond the rim as empty.
-fn block_mean(density: &Grid, factor: usize, column: usize, row: usize) -> f32 {
-    let frame = density.frame;
-    if factor == 1 {
-        return density.values[row * frame.width + column].max(0.0);
-    }
-    let columns = column * factor..((column + 1) * factor).min(frame.width);
-    let rows = row * factor..((row + 1) * factor).min(frame.height);
-    let sum: f32 = rows
-        .map(|r| {
-            let line = &density.values[r * frame.width..][columns.clone()];
-            line.iter().map(|value| value.max(0.0)).sum::<f32>()
-        })
-        .sum();
-    sum / (factor * factor) as f32
 }
 
 /// Relaxes the plants of some species together, wherever they can stand.

@@ -199,7 +199,8 @@ impl<'a> Simulation<'a> {
         self.growers.par_iter().map(circle).collect()
     }
 
-    /// Sows the plants of the start; those that find no place in [`ATTEMPTS`] are given up.
+    /// Sows the plants of the start; those that find no place in a hundred attempts are
+    /// given up.
     pub fn sow(&mut self) -> Vec<Year> {
         let mut years = vec![Year::default(); self.participants.len()];
         for (who, year) in years.iter_mut().enumerate() {
@@ -280,10 +281,19 @@ impl<'a> Simulation<'a> {
         self.growers.retain(|_| fates.next().is_none_or(Option::is_none));
     }
 
+    /// Returns the expected number of seeds in a year, of all species.
+    fn seeds_a_year(&self) -> f64 {
+        self.participants.iter().map(|p| self.seeds_of(p.kind.ecology)).sum()
+    }
+
+    fn seeds_of(&self, ecology: &Ecology) -> f64 {
+        f64::from(ecology.seedlings) * self.ground.area() / HECTARE
+    }
+
     fn germinate(&mut self, years: &mut [Year]) -> Result<(), Error> {
         for (who, year) in years.iter_mut().enumerate() {
             let ecology = self.participants[who].kind.ecology;
-            let expected = f64::from(ecology.seedlings) * self.ground.area() / HECTARE;
+            let expected = self.seeds_of(ecology);
             let mut stream = self.seed.part("seeds", u64::from(self.year)).stream("", who as u64);
             let count = (expected + stream.unit()).floor() as u64;
             let landed = self.land(ecology, self.sown, count);
@@ -397,8 +407,11 @@ pub(crate) fn run<'a>(
     site.progress.begin("simulate", u64::from(rules.years.value), "years");
     let mut simulation = Simulation::begin(rules, site, stand)?;
     let bystanders = (stand.population.len() - simulation.len()) as u64;
+    let sown = u64::from(rules.initial) * rules.species.len() as u64;
+    stand.check_room(sown, "sowing `initial` plants")?;
+    stand.check_room(simulation.seeds_a_year() as u64, "the seedlings of one year")?;
     let start = simulation.sow();
-    if stand.summary.is_empty() || start.iter().any(|year| year.births > 0) {
+    if !is_as_recorded(&simulation, &start, stand) {
         record(&simulation, &start, stand);
     }
     for _ in 0..rules.years.value {
@@ -411,6 +424,14 @@ pub(crate) fn run<'a>(
     }
     hand_over(simulation, site, stand);
     Ok(())
+}
+
+/// Returns whether the last rows of the summary say already what a simulation begins with.
+fn is_as_recorded(simulation: &Simulation<'_>, start: &[Year], stand: &Stand<'_>) -> bool {
+    simulation.participants.iter().zip(start).all(|(participant, year)| {
+        let last = stand.summary.iter().rfind(|row| row.species == participant.species);
+        year.births == 0 && last.is_some_and(|row| row.alive == year.alive)
+    })
 }
 
 fn record(simulation: &Simulation<'_>, years: &[Year], stand: &mut Stand<'_>) {

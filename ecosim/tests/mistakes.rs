@@ -81,6 +81,19 @@ fn an_absurd_number_of_plants_is_refused_before_any_work() {
     assert!(problem.contains("1599840") && problem.contains("allows 1000"), "{problem}");
     let steps = format!("max_plants = 1000\n{HALFTONE}per_m2 = 1\ncell = 0.01\narrange = \"grid\"");
     assert!(world().mistake(&steps).0.contains("max_plants"));
+    let weed = "size = { height = 1, crown_radius = 1 }\necology = { seedlings = 1000000 }";
+    let world = world().with_species("weed", weed);
+    let years = "[[step]]\nkind = \"simulate\"\nspecies = [\"weed\"]\nyears = 9";
+    let (problem, _) = world.mistake(&format!("max_plants = 1000\n{years}"));
+    assert!(problem.contains("the seedlings of one year would bring the plants to 160000"));
+    let (problem, _) = world.mistake(&format!("max_plants = 200000\n{years}\ninitial = 300000"));
+    assert!(problem.contains("sowing `initial` plants"), "{problem}");
+}
+
+#[test]
+fn a_cell_larger_than_the_terrain_holds_nothing_on_a_grid() {
+    let steps = format!("{HALFTONE}per_m2 = 1\ncell = 100\narrange = \"grid\"");
+    assert!(world().grow(&steps).unwrap().population.is_empty());
 }
 
 #[test]

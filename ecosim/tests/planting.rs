@@ -49,10 +49,10 @@ fn plants_keep_to_what_is_painted_and_to_its_count() {
     let population = world.grow(steps).unwrap().population;
     let pixels = (0..200 * 200).filter(|i| disc(i % 200, i / 200) > 0.0).count();
     let wanted = pixels as f64 * 4.0 / 16.0;
-    assert!((population.len() as f64 - wanted).abs() <= 0.01 * wanted);
+    assert_eq!(population.len(), wanted.round() as usize);
     for [x, y] in world.places(&population) {
-        // Cells that the rim of the disc crosses are planted too: half a cell, 0.14 m.
-        assert!((x - 25.0).hypot(y - 25.0) < 15.0 + 0.3);
+        let [column, row] = [x * 4.0, 200.0 - y * 4.0].map(|c| c as usize);
+        assert_eq!(disc(column, row), 1.0);
     }
 }
 
@@ -265,6 +265,37 @@ fn small_and_large_densities_on_mostly_empty_ground_keep_their_count() {
     let steps =
         "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\ndensity = \"d.png\"\nper_m2 = 10";
     let population = world.grow(steps).unwrap().population;
-    let off = (population.len() as f64 - wanted).abs() / wanted;
-    assert!(off < 0.01, "{} for {wanted}", population.len());
+    assert_eq!(population.len(), wanted.round() as usize);
+}
+
+#[test]
+fn plants_near_a_view_stand_on_its_finer_ground() {
+    let mut world = plain(40, 1.0).with_species("herb", HERB);
+    let fine = plain(80, 0.25).terrain;
+    let altitude = vec![107.5; fine.frame.len()];
+    world.terrain.detail.push(fine);
+    world.terrain.detail[0].insert("altitude", "m", "height", altitude);
+    let steps = "[[step]]\nkind = \"place\"\nspecies = \"herb\"\nat = [[10, 10], [30, 30]]";
+    let population = world.grow(steps).unwrap().population;
+    let z: Vec<f32> = population.plants.iter().map(|plant| plant.z).collect();
+    assert!((z[0] - 107.5).abs() < 1e-3 && (z[1] - 100.0).abs() < 1e-3, "{z:?}");
+}
+
+#[test]
+fn dots_smaller_than_a_terrain_cell_are_planted_where_they_are() {
+    // One pixel of 0.25 m in each terrain cell of 5 m: 100 dots that hold a plant each.
+    let dot = |column: usize, row: usize| {
+        if column % 20 == 7 && row % 20 == 11 { 1.0 } else { 0.0 }
+    };
+    let world = plain(10, 5.0).with_species("herb", HERB).with_image("dots.png", 200, 200, dot);
+    let steps = "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\ndensity = \"dots.png\"\n\
+                 per_m2 = 16";
+    let places = world.places(&world.grow(steps).unwrap().population);
+    assert_eq!(places.len(), 100);
+    let near = |[x, y]: [f64; 2]| {
+        let off = |c: f64, at: f64| (c.rem_euclid(5.0) - at).abs();
+        // Columns count from the west and rows from the north; pixels are 0.25 m.
+        off(x, 7.5 * 0.25) <= 0.126 && off(y, 5.0 - 11.5 * 0.25) <= 0.126
+    };
+    assert!(places.iter().all(|place| near(*place)), "{places:?}");
 }

@@ -38,10 +38,32 @@ table! {
     }
 }
 
+/// Most pixels of a picture: 8K and a little more, some 12 GB while they are joined.
+const MOST_PIXELS: u64 = 40_000_000;
+
 impl Config {
-    /// Finds what is wrong before any work: a view that does not exist.
+    /// Finds what is wrong before any work: a view that does not exist, too large a picture.
     pub fn check(&self, views: &[View]) -> Problems {
-        self.find_view(views).err().into_iter().collect()
+        let mistakes = [self.find_view(views).err(), self.check_size().err()];
+        mistakes.into_iter().flatten().collect()
+    }
+
+    /// Memory that the picture will need while it is made, bytes.
+    pub fn film_bytes(&self) -> u64 {
+        let [width, height] = self.resolution.map(u64::from);
+        // Tiles and the film hold each pixel once while they are joined.
+        2 * width * height * size_of::<crate::film::Pixel>() as u64
+    }
+
+    /// Refuses pictures of more than [`MOST_PIXELS`].
+    pub(crate) fn check_size(&self) -> Result<(), Problem> {
+        let [width, height] = self.resolution.map(u64::from);
+        if width * height <= MOST_PIXELS {
+            return Ok(());
+        }
+        let message = format!("`render.resolution` asks for {width} x {height} pixels");
+        let hint = format!("at most {MOST_PIXELS} in all, for instance 7680 x 4320");
+        Err(Problem::new(message).hint(hint))
     }
 
     /// The view that the table names.
@@ -83,6 +105,15 @@ mod tests {
     fn an_empty_sky_table_is_a_clear_day() {
         let value = Value::parse(0, "").unwrap();
         assert_eq!(Sky::from_toml(&value, &mut Vec::new()), Some(Sky::clear_day()));
+    }
+
+    #[test]
+    fn a_picture_too_large_for_memory_is_refused_before_any_work() {
+        let text = "view = \"bank\"\nresolution = [16384, 16384]";
+        let value = Value::parse(0, text).unwrap();
+        let config = Config::from_toml(&value, &mut Vec::new()).unwrap();
+        let problem = config.check_size().unwrap_err().to_string();
+        assert!(problem.contains("16384 x 16384") && problem.contains("7680 x 4320"), "{problem}");
     }
 
     #[test]

@@ -41,7 +41,7 @@ const SUN_CHANCE: f32 = 0.6;
 /// Threads share the picture in tiles; each pixel depends only on its own samples.
 ///
 /// # Errors
-/// [`Error::Cancelled`] when the caller asks to stop.
+/// [`Error::Cancelled`] when the caller asks to stop; a problem when the picture is too large.
 pub fn render(
     scene: &Scene,
     view: &View,
@@ -49,6 +49,7 @@ pub fn render(
     seed: Seed,
     progress: &dyn Progress,
 ) -> Result<Film, Error> {
+    config.check_size()?;
     let [width, height] = config.resolution.map(|side| side as usize);
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     let job = Job {
@@ -485,7 +486,7 @@ impl Tracer<'_> {
         if !surface.is_some() {
             return 0.0;
         }
-        let passes = 1.0 - water::reflectance(outside_cosine(ray.direction.z), false);
+        let passes = pane(ray.direction);
         passes * water::transmittance(surface.t)
     }
 
@@ -501,8 +502,7 @@ impl Tracer<'_> {
         let is_rising = direction.z > 0.0;
         if is_rising && !path.is_straight {
             // Connections from below cross straight, so this way of reaching the sky must too.
-            let passes = 1.0 - water::reflectance(outside_cosine(direction.z), false);
-            path.beta *= passes;
+            path.beta *= pane(direction);
             path.ray.origin = position + Vec3::Z * clearance(position);
             path.in_water = false;
             return path.beta.max_element() > 0.0;
@@ -586,11 +586,9 @@ fn heuristic(mine: f32, other: f32) -> f32 {
     1.0 / (1.0 + ratio * ratio)
 }
 
-/// Cosine to the vertical in air of a ray that comes straight out of water at this cosine.
-///
-/// Straight crossings are not refracted, so the angle in air is the angle in water.
-fn outside_cosine(z: f32) -> f32 {
-    z.abs()
+/// Part of the light that passes the water's surface on a straight, unrefracted way.
+fn pane(direction: Vec3) -> f32 {
+    1.0 - water::reflectance(direction.z.abs(), false)
 }
 
 /// Distance by which rays start off a surface: more than the rounding of its position.

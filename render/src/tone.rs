@@ -7,9 +7,9 @@
 
 use weald_contract::Picture;
 
-/// Luminance to which the log average is brought. Film's response needs about twice the 18 % of
-/// a grey card; chosen by eye on sunlit woods and meadows.
-const KEY: f64 = 0.38;
+/// Luminance to which the log average is brought. Film's response needs more than the 18 % of a
+/// grey card; chosen by eye on sunlit woods and meadows.
+const KEY: f64 = 0.32;
 
 /// Part of the curve that is applied to each channel; the rest keeps hue and saturation.
 const BLEACH: f32 = 0.4;

@@ -287,26 +287,32 @@ pub fn directions(width: usize, height: usize, flood: &Flood) -> Vec<u8> {
     directions
 }
 
-/// Steepest directions of a row's inner cells, a direction at a time so that cells share SIMD
-/// lanes.
+/// Steepest directions of a row's inner cells: without branches, so that cells share SIMD lanes.
 fn steepest_inside(width: usize, row: usize, level: &[f32], directions: &mut [u8]) {
     let inner = width - 2;
-    let center = &level[row * width + 1..][..inner];
-    let mut best = vec![0.0f32; inner];
-    let mut codes = vec![u32::from(OUT); inner];
-    for (direction, (right, down)) in STEPS.iter().enumerate() {
-        let start = (row * width + 1).wrapping_add_signed(down * width as isize + right);
-        let next = &level[start..][..inner];
-        let per_distance = PER_DISTANCE[direction];
-        let falls = center.iter().zip(next).map(|(here, there)| (here - there) * per_distance);
-        for ((fall, best), code) in falls.zip(&mut best).zip(&mut codes) {
-            let is_steeper = fall > *best;
-            *best = if is_steeper { fall } else { *best };
-            *code = if is_steeper { direction as u32 } else { *code };
+    let line = |row: usize| &level[row * width..][..inner + 2];
+    let (above, here, below) = (line(row - 1), line(row), line(row + 1));
+    let directions = &mut directions[1..][..inner];
+    for i in 0..inner {
+        let z = here[i + 1];
+        let neighbors = [
+            here[i + 2],
+            below[i + 2],
+            below[i + 1],
+            below[i],
+            here[i],
+            above[i],
+            above[i + 1],
+            above[i + 2],
+        ];
+        let (mut best, mut code) = (0.0f32, u32::from(OUT));
+        for direction in 0..8 {
+            let fall = (z - neighbors[direction]) * PER_DISTANCE[direction];
+            let is_steeper = fall > best;
+            best = if is_steeper { fall } else { best };
+            code = if is_steeper { direction as u32 } else { code };
         }
-    }
-    for (out, code) in directions[1..].iter_mut().zip(codes) {
-        *out = code as u8;
+        directions[i] = code as u8;
     }
 }
 

@@ -62,6 +62,30 @@ impl Polyline {
         Self::new(&ring)
     }
 
+    /// A smooth curve through points, as a line of short segments: a centripetal Catmull-Rom
+    /// spline, which neither loops nor overshoots between its points [Yuksel11].
+    pub fn curved(points: &[[f64; 2]]) -> Self {
+        let line = Self::new(points);
+        let points = &line.points;
+        let (Some(first), Some(last), true) = (points.first(), points.last(), points.len() > 2)
+        else {
+            return line;
+        };
+        // Beyond its ends the curve would go on straight.
+        let beyond = |end: [f64; 2], before: [f64; 2]| [0, 1].map(|i| 2.0 * end[i] - before[i]);
+        let mut controls = vec![beyond(*first, points[1])];
+        controls.extend(points);
+        controls.push(beyond(*last, points[points.len() - 2]));
+        let mut curve = vec![*first];
+        for quad in controls.windows(4) {
+            let steps = 1..=CURVE_STEPS;
+            curve.extend(
+                steps.map(|step| catmull_rom(quad, f64::from(step) / f64::from(CURVE_STEPS))),
+            );
+        }
+        Self::new(&curve)
+    }
+
     /// Length of the line, m.
     pub fn length(&self) -> f64 {
         self.stations.last().copied().unwrap_or(0.0)
@@ -119,6 +143,29 @@ impl Polyline {
     }
 }
 
+/// Segments between two points of a curve: a right angle then turns by 18 degrees at its sharpest.
+const CURVE_STEPS: u32 = 16;
+
+/// Point of the spline between the middle two of four points, by the pyramid of [Barry88] with
+/// centripetal knots.
+fn catmull_rom(points: &[[f64; 2]], t: f64) -> [f64; 2] {
+    let mut knots = [0.0; 4];
+    for i in 1..4 {
+        knots[i] = knots[i - 1] + length(points[i - 1], points[i]).sqrt();
+    }
+    let at = knots[1] + t * (knots[2] - knots[1]);
+    let mut pyramid = [points[0], points[1], points[2], points[3]];
+    // The three levels interpolate over 1, 2 and, at the top, the middle interval again.
+    for (level, span) in [(3, 1), (2, 2), (1, 1)] {
+        for i in 0..level {
+            let from = if level == 1 { 1 } else { i };
+            let s = (at - knots[from]) / (knots[from + span] - knots[from]);
+            pyramid[i] = [0, 1].map(|k| pyramid[i][k] + s * (pyramid[i + 1][k] - pyramid[i][k]));
+        }
+    }
+    pyramid[0]
+}
+
 fn length(a: [f64; 2], b: [f64; 2]) -> f64 {
     libm::hypot(b[0] - a[0], b[1] - a[1])
 }
@@ -138,6 +185,23 @@ mod tests {
         assert_eq!(nearest([12.0, 7.0]), Nearest { distance: 2.0, station: 17.0 });
         assert_eq!(nearest([-3.0, -4.0]), Nearest { distance: 5.0, station: 0.0 });
         assert_eq!(line.segments_near_row(5.0, 1.0), [1]);
+    }
+
+    #[test]
+    fn a_curve_passes_through_its_points_and_bends_between_them() {
+        let points = [[0.0, 0.0], [10.0, 0.0], [10.0, 20.0], [30.0, 20.0]];
+        let curve = Polyline::curved(&points);
+        let all: Vec<usize> = (0..curve.points.len() - 1).collect();
+        for point in points {
+            assert!(curve.nearest(&all, point).unwrap().distance < 1e-12, "{point:?}");
+        }
+        let turns = curve.points.windows(3).map(|p| {
+            let direction = |a: [f64; 2], b: [f64; 2]| (b[1] - a[1]).atan2(b[0] - a[0]);
+            (direction(p[1], p[2]) - direction(p[0], p[1])).abs()
+        });
+        assert!(turns.fold(0.0, f64::max) < 0.32, "no corner is left");
+        let straight = Polyline::curved(&[[0.0, 0.0], [1.0, 0.0], [5.0, 0.0]]);
+        assert!((straight.length() - 5.0).abs() < 1e-12);
     }
 
     #[test]

@@ -12,6 +12,8 @@ table! {
     pub struct StreamCut {
         /// Points of its middle line from source to mouth, scene coordinates, m.
         points: Written<Vec<[f64; 2]>>, in -1000000.0..=1000000.0;
+        /// Whether the line is a smooth curve through the points, and not straight between them.
+        curved: bool = false;
         /// Width of the bed, m.
         width: f64, in 0.0..=100000.0;
         /// Depth of the bed below the ground along the line, m.
@@ -48,7 +50,8 @@ impl StreamCut {
         cell: f64,
         ground: impl Fn(f64, f64) -> f32,
     ) -> Result<Channel, Problem> {
-        let line = Polyline::new(&self.points.value);
+        let points = &self.points.value;
+        let line = if self.curved { Polyline::curved(points) } else { Polyline::new(points) };
         let count = (line.length() / (SAMPLE_CELLS * cell)).ceil().clamp(1.0, MAX_SAMPLES);
         let spacing = line.length() / count;
         let mut bed: Vec<f64> = Vec::with_capacity(count as usize + 1);
@@ -146,6 +149,7 @@ mod tests {
     fn cut(points: Vec<[f64; 2]>) -> StreamCut {
         StreamCut {
             points: Written { value: points, span: Span { source: 0, start: 3, end: 9 } },
+            curved: false,
             width: 4.0,
             depth: 1.0,
             falloff: 3.0,

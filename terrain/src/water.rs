@@ -220,36 +220,48 @@ fn soak(water: &Water, shaped: &Shaped<'_>, is_lake: &[bool], level: &[f32]) -> 
     rain::fall(&catchment, &shower)
 }
 
-/// Evens soil water out, and adds what rises from open water nearby.
+/// Adds what rises from open water nearby, and evens soil water out.
 ///
 /// The capillary fringe is ours: soil at the water's edge is saturated, and the excess fades as
 /// e^(-h / fringe) with the height h above the nearest water and along a spline with the distance
 /// to it. Rain and fringe leave the soil dry independently: 1 - m = (1 - m_rain)(1 - m_fringe).
-fn wet_shores(water: &Water, shaped: &Shaped<'_>, level: &[f32], moisture: Vec<f32>) -> Vec<f32> {
+fn wet_shores(water: &Water, shaped: &Shaped<'_>, level: &[f32], rain: Vec<f32>) -> Vec<f32> {
     let Lattice { width, height, cell, .. } = shaped.lattice;
-    let spread = gaussian(width, height, cell, &moisture, water.spread);
     let is_water: Vec<bool> = level.iter().map(|level| !level.is_nan()).collect();
     let nearest = nearest_marked(width, height, &is_water);
-    let reach = water.fringe_reach / cell;
-    by_row(width, height, |row, out| {
+    let moisture = by_row(width, height, |row, out| {
         for (column, out) in out.iter_mut().enumerate() {
             let index = row * width + column;
-            let dry = 1.0 - f64::from(spread[index].clamp(0.0, 1.0));
-            let shore = nearest[index];
-            *out = if shore == NONE {
-                1.0 - dry as f32
-            } else if is_water[index] {
-                1.0
-            } else {
-                let (dx, dy) = (shore as usize % width, shore as usize / width);
-                let (dx, dy) = (dx.abs_diff(column) as f64, dy.abs_diff(row) as f64);
-                let above = f64::from(shaped.altitude[index] - level[shore as usize]).max(0.0);
-                let rise = if water.fringe > 0.0 { libm::exp(-above / water.fringe) } else { 0.0 };
-                let near = 1.0 - smoothstep(0.0, reach, (dx * dx + dy * dy).sqrt());
-                (1.0 - dry * (1.0 - rise * near)) as f32
+            let dry = 1.0 - f64::from(rain[index].clamp(0.0, 1.0));
+            let wet = match nearest[index] {
+                NONE => 0.0,
+                shore => {
+                    let (dx, dy) = (shore as usize % width, shore as usize / width);
+                    let (dx, dy) = (dx.abs_diff(column) as f64, dy.abs_diff(row) as f64);
+                    let above = shaped.altitude[index] - level[shore as usize];
+                    fringe(water, f64::from(above), cell * (dx * dx + dy * dy).sqrt())
+                }
             };
+            *out = (1.0 - dry * (1.0 - wet)) as f32;
         }
-    })
+    });
+    let mut spread = gaussian(width, height, cell, &moisture, water.spread);
+    for (moisture, is_water) in spread.iter_mut().zip(&is_water) {
+        *moisture = if *is_water { 1.0 } else { moisture.clamp(0.0, 1.0) };
+    }
+    spread
+}
+
+/// Share of dry soil's room that open water fills from a height above it and a distance.
+fn fringe(water: &Water, above: f64, distance: f64) -> f64 {
+    let near = 1.0 - smoothstep(0.0, water.fringe_reach, distance);
+    if distance == 0.0 {
+        1.0
+    } else if water.fringe > 0.0 {
+        near * libm::exp(-above.max(0.0) / water.fringe)
+    } else {
+        0.0
+    }
 }
 
 /// Depth of water above the ground, m; 0 where there is none.

@@ -76,6 +76,7 @@ impl Layout {
 pub fn execute(scene: &Scene, plan: &Plan, listener: &dyn Listener) -> Result<Vec<Done>> {
     std::fs::create_dir_all(&plan.out).map_err(|error| Error::system(&plan.out, error))?;
     let layout = Layout { out: plan.out.clone() };
+    let _lock = lock(&layout)?;
     sweep(&layout);
     let mut done = Vec::new();
     let mut finished = false;
@@ -97,6 +98,22 @@ pub fn execute(scene: &Scene, plan: &Plan, listener: &dyn Listener) -> Result<Ve
         done.push(Done { stage: step.stage, ran: true, report: made });
     }
     Ok(done)
+}
+
+/// Holds the output folder for this run alone; the system lets go of it however the run ends.
+fn lock(layout: &Layout) -> Result<std::fs::File> {
+    let folder = layout.out.join(".weald");
+    std::fs::create_dir_all(&folder).map_err(|error| Error::system(&folder, error))?;
+    let path = folder.join("lock");
+    let file = std::fs::File::create(&path).map_err(|error| Error::system(&path, error))?;
+    match file.try_lock() {
+        Err(std::fs::TryLockError::WouldBlock) => Err(Error::plain(
+            format!("another run is at work in {}", layout.out.display()),
+            "wait for it, or write elsewhere with `-o`",
+        )),
+        // A file system without locks is no reason not to work.
+        Ok(()) | Err(std::fs::TryLockError::Error(_)) => Ok(file),
+    }
 }
 
 /// Makes one stage's files in the run's layout.
@@ -188,6 +205,16 @@ fn sweep(layout: &Layout) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn two_runs_do_not_work_in_one_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        let layout = Layout { out: folder.path().to_path_buf() };
+        let held = lock(&layout).unwrap();
+        assert!(lock(&layout).unwrap_err().to_string().contains("another run is at work"));
+        drop(held);
+        assert!(lock(&layout).is_ok());
+    }
 
     #[test]
     fn recorded_paths_are_relative_and_cannot_leave_the_folder() {

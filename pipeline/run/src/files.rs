@@ -97,9 +97,7 @@ fn folder_kind(path: &Path) -> Result<FileKind> {
     if path.join("altitude.tif").is_file() {
         return Ok(FileKind::Terrain);
     }
-    let mut entries =
-        std::fs::read_dir(path).map_err(|error| Error::system(path, error))?.flatten();
-    if entries.any(|entry| entry.path().extension().is_some_and(|ending| ending == "glb")) {
+    if !with_ending(path, "glb")?.is_empty() {
         return Ok(FileKind::Plants);
     }
     Err(Error::plain(
@@ -132,6 +130,18 @@ fn table_kind(path: &Path) -> Result<FileKind> {
         () if has("species") && has("x") && has("y") => FileKind::Population,
         () => FileKind::Table,
     })
+}
+
+/// Files of a folder with this ending, sorted by name.
+///
+/// # Errors
+/// The folder cannot be read.
+pub fn with_ending(folder: &Path, ending: &str) -> Result<Vec<PathBuf>> {
+    let entries = std::fs::read_dir(folder).map_err(|error| Error::system(folder, error))?;
+    let mut files: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).collect();
+    files.retain(|path| path.extension().is_some_and(|found| found == ending));
+    files.sort();
+    Ok(files)
 }
 
 /// The folder of a terrain, also when one of its layers was named.

@@ -50,8 +50,8 @@ fn provenance(path: &Path, kind: FileKind) -> Result<Option<Provenance>> {
             let found = last.iter().map(|name| path.join(name)).find(|path| path.exists());
             Ok(found.map(|path| weald_formats::provenance(&path)).transpose()?.flatten())
         }
-        FileKind::Plants => match first_file(path, "glb")? {
-            Some(file) => Ok(weald_formats::provenance(&file)?),
+        FileKind::Plants => match files::with_ending(path, "glb")?.first() {
+            Some(file) => Ok(weald_formats::provenance(file)?),
             None => Ok(None),
         },
         FileKind::Report => {
@@ -64,14 +64,6 @@ fn provenance(path: &Path, kind: FileKind) -> Result<Option<Provenance>> {
         FileKind::Raster if path.extension().is_some_and(|ending| ending == "asc") => Ok(None),
         _ => Ok(weald_formats::provenance(path)?),
     }
-}
-
-fn first_file(folder: &Path, ending: &str) -> Result<Option<std::path::PathBuf>> {
-    let entries = std::fs::read_dir(folder).map_err(|error| Error::system(folder, error))?;
-    let mut files: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
-    files.retain(|path| path.extension().is_some_and(|found| found == ending));
-    files.sort();
-    Ok(files.into_iter().next())
 }
 
 fn read_json(path: &Path) -> Result<Json> {
@@ -269,10 +261,7 @@ fn plant_facts(path: &Path) -> Result<Vec<(String, Json)>> {
 }
 
 fn plants_facts(path: &Path) -> Result<Vec<(String, Json)>> {
-    let entries = std::fs::read_dir(path).map_err(|error| Error::system(path, error))?;
-    let mut files: Vec<_> = entries.flatten().map(|entry| entry.path()).collect();
-    files.retain(|path| path.extension().is_some_and(|found| found == "glb"));
-    files.sort();
+    let files = files::with_ending(path, "glb")?;
     let mut facts = vec![fact("models", files.len())];
     for file in files {
         let model = weald_formats::read_plant(&file)?;

@@ -14,6 +14,7 @@ pub use sketch::Sketch;
 use crate::error::{Error, Result};
 use crate::files::{self, FileKind};
 use std::path::Path;
+use weald_contract::PlantModel;
 
 /// Draws any of our files, for `weald preview`.
 ///
@@ -33,6 +34,11 @@ pub fn of_file(path: &Path, terrain: Option<&Path>) -> Result<Sketch> {
             let model = weald_formats::read_plant(path)?;
             Ok(contact_sheet(&[(model.name.clone(), &model)], 480))
         }
+        FileKind::Plants => {
+            let models = plants_in(path)?;
+            let named: Vec<_> = models.iter().map(|model| (model.name.clone(), model)).collect();
+            Ok(contact_sheet(&named, 200))
+        }
         FileKind::Picture => {
             let picture = weald_formats::read_picture(path)?;
             let rgb = weald_render::tone_map(&picture, 0.0);
@@ -48,6 +54,12 @@ pub fn of_file(path: &Path, terrain: Option<&Path>) -> Result<Sketch> {
             "preview takes terrains, populations, plants (.glb), rasters and pictures",
         )),
     }
+}
+
+/// All models of a folder, by name of file.
+fn plants_in(folder: &Path) -> Result<Vec<PlantModel>> {
+    let files = files::with_ending(folder, "glb")?;
+    files.iter().map(|file| Ok(weald_formats::read_plant(file)?)).collect()
 }
 
 /// Draws a file and writes the PNG, which carries the file's own story.

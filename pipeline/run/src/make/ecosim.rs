@@ -1,0 +1,142 @@
+//! Ecosim: terrain to plants, with the history of simulations beside them.
+
+use super::{Made, at_field, images, make_folder_of, parent, stage_error, stage_seed};
+use crate::error::{Error, Result};
+use crate::parameters::{ecosim_species, places_named};
+use crate::preview;
+use crate::recipe::Stage;
+use crate::scene::{Scene, SceneInput};
+use serde_json::{Value as Json, json};
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use weald_contract::{InputKind, Population, Progress};
+use weald_formats::{Column, Provenance, Table};
+
+/// Where ecosim's files go.
+#[derive(Clone, Debug)]
+pub struct EcosimPaths {
+    /// The terrain's folder, to read.
+    pub terrain: PathBuf,
+    /// A population to go on from, if any.
+    pub start: Option<PathBuf>,
+    /// The population, `.parquet` or `.csv`.
+    pub population: PathBuf,
+}
+
+/// Ecosim: terrain to plants, with the history of simulations beside them.
+///
+/// # Errors
+/// An input is damaged, the stage refuses, or the disk does.
+pub fn ecosim(
+    scene: &Scene,
+    paths: &EcosimPaths,
+    mut provenance: Provenance,
+    progress: &dyn Progress,
+) -> Result<Made> {
+    let stage = Stage::Ecosim;
+    let terrain = weald_formats::read_terrain(&paths.terrain)?;
+    let start = paths.start.as_deref().map(weald_formats::read_population).transpose()?;
+    provenance.inputs.push(parent(&paths.terrain)?);
+    if let Some(start) = &paths.start {
+        provenance.inputs.push(parent(start)?);
+    }
+    let outcome = weald_ecosim::grow(
+        &scene.ecosim,
+        &weald_ecosim::Surroundings {
+            terrain: &terrain,
+            species: &ecosim_species(scene),
+            images: &images(scene, &scene.ecosim_inputs)?,
+            plants: &plants_of_tables(scene)?,
+            views: &places_named(scene, &scene.ecosim),
+        },
+        start.as_ref(),
+        stage_seed(scene, stage),
+        progress,
+    )
+    .map_err(stage_error!(&scene.sources, stage, weald_ecosim))?;
+
+    let mut made = Made { files: Vec::new(), report: population_report(&outcome.population) };
+    made.report["deaths"] = json!(outcome.deaths.len());
+    make_folder_of(&paths.population)?;
+    weald_formats::write_population(&paths.population, &outcome.population, &provenance)?;
+    made.wrote(&paths.population)?;
+    let beside = |name: &str| paths.population.with_file_name(name);
+    let names = &outcome.population.species;
+    let tables = [
+        (beside("summary.csv"), summary_table(&outcome.summary, names)),
+        (beside("deaths.parquet"), deaths_table(&outcome.deaths, names)),
+    ];
+    for (path, table) in &tables {
+        weald_formats::write_table(path, table, &provenance)?;
+        made.wrote(path)?;
+    }
+    for path in
+        made.files.clone().iter().filter(|path| path.extension().is_some_and(|e| e == "csv"))
+    {
+        made.wrote(&path.with_extension("csv.json"))?;
+    }
+    let colors = species_colors(scene, &outcome.population);
+    let dots = preview::draw_population(&outcome.population, Some(&terrain), &colors);
+    made.preview(&paths.population.with_extension("png"), &dots, &provenance)?;
+    Ok(made)
+}
+
+/// Tables of plants among ecosim's inputs, by path as written.
+fn plants_of_tables(scene: &Scene) -> Result<BTreeMap<String, Population>> {
+    let mut tables = BTreeMap::new();
+    for SceneInput { input, path } in &scene.ecosim_inputs {
+        if input.kind == InputKind::Plants {
+            let population =
+                weald_formats::read_population(path).map_err(at_field(scene, input))?;
+            tables.insert(input.path.value.clone(), population);
+        }
+    }
+    Ok(tables)
+}
+
+fn species_colors(scene: &Scene, population: &Population) -> Vec<[u8; 3]> {
+    let known = scene.species.iter().map(|(name, found)| (name.clone(), found.species.color));
+    preview::colors_by_name(&population.species, &known.collect())
+}
+
+fn population_report(population: &Population) -> Json {
+    let counts =
+        population.species.iter().cloned().zip(population.counts().into_iter().map(Json::from));
+    json!({ "plants": population.len(), "species": counts.collect::<serde_json::Map<_, _>>() })
+}
+
+/// Names of species by their index in a population, as a column.
+fn species_column(names: &[String], indices: impl Iterator<Item = u16>) -> Column {
+    let name = |index: u16| names.get(usize::from(index)).map_or("", String::as_str);
+    Column::text(indices.map(name))
+}
+
+/// `summary.csv`: a row a year and species.
+fn summary_table(rows: &[weald_ecosim::SummaryRow], names: &[String]) -> Table {
+    let counts = |value: fn(&weald_ecosim::SummaryRow) -> u64| {
+        Column::Unsigned(rows.iter().map(value).collect())
+    };
+    let numbers = |value: fn(&weald_ecosim::SummaryRow) -> f32| {
+        Column::Float32(rows.iter().map(value).collect())
+    };
+    Table::default()
+        .with("step", counts(|row| u64::from(row.step)))
+        .with("species", species_column(names, rows.iter().map(|row| row.species)))
+        .with("alive", counts(|row| row.alive))
+        .with("births", counts(|row| row.births))
+        .with("dominated", counts(|row| row.dominated))
+        .with("old", counts(|row| row.old))
+        .with("mean_radius", numbers(|row| row.mean_radius))
+        .with("cover", numbers(|row| row.cover))
+}
+
+/// `deaths.parquet`: a row a death; `killer` is -1 where none is to blame.
+fn deaths_table(deaths: &[weald_ecosim::Death], names: &[String]) -> Table {
+    let killers = deaths.iter().map(|death| death.killer.map_or(-1, |killer| killer as i64));
+    Table::default()
+        .with("id", Column::Unsigned(deaths.iter().map(|death| death.id).collect()))
+        .with("species", species_column(names, deaths.iter().map(|death| death.species)))
+        .with("step", Column::Unsigned(deaths.iter().map(|death| u64::from(death.step)).collect()))
+        .with("cause", Column::text(deaths.iter().map(|death| death.cause.word())))
+        .with("killer", Column::Integer(killers.collect()))
+}

@@ -1,0 +1,83 @@
+//! Quantize: plants to a palette and instances.
+
+use super::{Made, make_folder, parent, stage_error, stage_seed, write_json};
+use crate::error::{Error, Result};
+use crate::parameters::quantize_species;
+use crate::recipe::Stage;
+use crate::scene::Scene;
+use serde_json::{Value as Json, json};
+use std::collections::BTreeMap;
+use std::path::Path;
+use weald_contract::{Progress, Seed, Sources};
+use weald_formats::Provenance;
+
+/// Quantize: plants to a palette and instances, both in `folder`.
+///
+/// # Errors
+/// The population is damaged, the stage refuses, or the disk does.
+pub fn quantize(
+    scene: &Scene,
+    population: &Path,
+    folder: &Path,
+    provenance: Provenance,
+    progress: &dyn Progress,
+) -> Result<Made> {
+    let seed = stage_seed(scene, Stage::Quantize);
+    let species = quantize_species(scene);
+    let quantizing =
+        Quantizing { config: &scene.quantize, species: &species, seed, sources: &scene.sources };
+    quantizing.make(population, folder, provenance, progress)
+}
+
+/// What quantize needs besides the population; a scene provides it, or the command line alone.
+pub struct Quantizing<'a> {
+    /// `[quantize]`.
+    pub config: &'a weald_quantize::Config,
+    /// Every species of the population and the members of their groups.
+    pub species: &'a BTreeMap<String, weald_contract::Species>,
+    /// Seed of the stage.
+    pub seed: Seed,
+    /// Texts for problems.
+    pub sources: &'a Sources,
+}
+
+impl Quantizing<'_> {
+    /// Writes `palette.toml`, `instances.parquet` and `quantize.json` into `folder`.
+    ///
+    /// # Errors
+    /// The population is damaged, the stage refuses, or the disk does.
+    pub fn make(
+        &self,
+        population: &Path,
+        folder: &Path,
+        mut provenance: Provenance,
+        progress: &dyn Progress,
+    ) -> Result<Made> {
+        provenance.inputs.push(parent(population)?);
+        let population = weald_formats::read_population(population)?;
+        let quantized =
+            weald_quantize::quantize(self.config, &population, self.species, self.seed, progress)
+                .map_err(stage_error!(self.sources, Stage::Quantize, weald_quantize))?;
+        make_folder(folder)?;
+        let report = json!(quantized.report);
+        let mut made = Made { files: Vec::new(), report: quantize_report(&quantized) };
+        let palette = folder.join("palette.toml");
+        weald_formats::write_palette(&palette, &quantized.palette, &provenance)?;
+        made.wrote(&palette)?;
+        let instances = folder.join("instances.parquet");
+        weald_formats::write_instances(&instances, &quantized.instances, &provenance)?;
+        made.wrote(&instances)?;
+        let path = folder.join("quantize.json");
+        write_json(&path, &json!({ "report": report, "provenance": provenance }))?;
+        made.wrote(&path)?;
+        Ok(made)
+    }
+}
+
+fn quantize_report(quantized: &weald_quantize::Quantized) -> Json {
+    json!({
+        "representatives": quantized.palette.representatives.len(),
+        "groups": quantized.palette.groups.len(),
+        "instances": quantized.instances.len(),
+    })
+}

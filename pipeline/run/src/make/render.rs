@@ -1,0 +1,140 @@
+//! Render: everything to a picture.
+
+use super::{
+    Made, at_field, file_name, make_folder_of, parent, plant_file, stage_error, stage_seed,
+};
+use crate::error::{Error, Result};
+use crate::parameters::render_config;
+use crate::preview::Sketch;
+use crate::prototypes::FolderPrototypes;
+use crate::recipe::Stage;
+use crate::scene::{Scene, SceneInput};
+use serde_json::{Value as Json, json};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use weald_contract::{Layers, Palette, Progress};
+use weald_formats::{Parent, Provenance};
+
+/// What render reads and writes.
+#[derive(Clone, Debug)]
+pub struct RenderPaths {
+    /// The terrain's folder.
+    pub terrain: PathBuf,
+    /// The palette.
+    pub palette: PathBuf,
+    /// The instances.
+    pub instances: PathBuf,
+    /// Folder of the models.
+    pub plants: PathBuf,
+    /// The picture to write, `.exr`; a `.png` goes beside it.
+    pub image: PathBuf,
+}
+
+/// Render: everything to a picture.
+///
+/// # Errors
+/// A file is damaged, the stage refuses, or the disk does.
+pub fn render(
+    scene: &Scene,
+    paths: &RenderPaths,
+    is_draft: bool,
+    mut provenance: Provenance,
+    progress: &dyn Progress,
+) -> Result<Made> {
+    let stage = Stage::Render;
+    let error = || stage_error!(&scene.sources, stage, weald_render);
+    let terrain = weald_formats::read_terrain(&paths.terrain)?;
+    let palette = weald_formats::read_palette(&paths.palette)?;
+    let instances = weald_formats::read_instances(&paths.instances)?;
+    weald_formats::check_instances(&palette, &instances)
+        .map_err(|problem| Error::wrong(&scene.sources, problem))?;
+    provenance.inputs.extend([parent(&paths.terrain)?, parent(&paths.palette)?]);
+    // The instances came with the palette: their story is told once.
+    provenance.inputs.push(Parent { provenance: None, ..parent(&paths.instances)? });
+    provenance.inputs.push(plants_parent(&paths.plants, &palette)?);
+
+    let view = scene.rendered_view().ok_or_else(|| {
+        Error::plain(format!("unknown view `{}`", scene.render.view.value), "add a `[[view]]`")
+    })?;
+    let config = render_config(scene, is_draft);
+    let built = weald_render::Scene::build(
+        &weald_render::Parts {
+            terrain: &terrain,
+            palette: &palette,
+            instances: &instances,
+            prototypes: &FolderPrototypes { folder: &paths.plants },
+            objects: &objects(scene, &terrain)?,
+            species: &species_names(&palette),
+        },
+        &scene.sky,
+        progress,
+    )
+    .map_err(error())?;
+    let film = weald_render::render(&built, view, &config, stage_seed(scene, stage), progress)
+        .map_err(error())?;
+
+    let mut made = Made::default();
+    make_folder_of(&paths.image)?;
+    let picture = film.picture();
+    weald_formats::write_picture(&paths.image, &picture, &provenance)?;
+    made.wrote(&paths.image)?;
+    let rgb = weald_render::tone_map(&picture, config.exposure);
+    let sketch = Sketch { width: picture.width, height: picture.height, rgb };
+    made.preview(&paths.image.with_extension("png"), &sketch, &provenance)?;
+    made.report = json!({ "scene": statistics(built.statistics()), "film": film.statistics() });
+    Ok(made)
+}
+
+/// A scene's statistics as JSON; the count of instanced primitives may pass 64 bits and then
+/// becomes a text.
+fn statistics(statistics: &weald_render::Statistics) -> Json {
+    let instanced = statistics.instanced_primitives;
+    json!({
+        "prototypes": statistics.prototypes,
+        "instances": statistics.instances,
+        "unique_primitives": statistics.unique_primitives,
+        "instanced_primitives": u64::try_from(instanced).map_or_else(|_| json!(instanced.to_string()), Json::from),
+        "bytes": statistics.bytes,
+    })
+}
+
+/// All models as one parent: the hash of their hashes.
+fn plants_parent(folder: &Path, palette: &Palette) -> Result<Parent> {
+    let mut hasher = blake3::Hasher::new();
+    for plant in &palette.representatives {
+        let path = folder.join(plant_file(plant.id));
+        hasher.update(weald_formats::hash_file(&path)?.as_bytes());
+    }
+    let blake3 = hasher.finalize().to_hex().to_string();
+    Ok(Parent { name: file_name(folder), blake3, provenance: None })
+}
+
+/// Names of all species and groups in a palette, sorted: their order numbers them in pictures.
+pub fn species_names(palette: &Palette) -> Vec<String> {
+    let plants = palette.representatives.iter().map(|plant| plant.species.clone());
+    let mut names: Vec<String> =
+        plants.chain(palette.groups.iter().map(|group| group.species.clone())).collect();
+    names.sort();
+    names.dedup();
+    names
+}
+
+/// Opens the models of `[[object]]` and puts them on the ground.
+fn objects(scene: &Scene, terrain: &Layers) -> Result<Vec<weald_render::Object>> {
+    let mut objects = Vec::new();
+    for (object, SceneInput { input, path }) in scene.tables.object.iter().zip(&scene.object_inputs)
+    {
+        let model = weald_formats::read_plant(path).map_err(at_field(scene, input))?;
+        let (x, y) = (terrain.frame.west + object.at[0], terrain.frame.south + object.at[1]);
+        let ground =
+            if object.altitude { 0.0 } else { terrain.sample("altitude", x, y).unwrap_or(0.0) };
+        objects.push(weald_render::Object {
+            model: Arc::new(model),
+            position: [x, y, f64::from(ground) + object.height],
+            // Azimuths turn clockwise, angles in code the other way.
+            yaw: -object.yaw_deg.to_radians() as f32,
+            scale: object.scale as f32,
+        });
+    }
+    Ok(objects)
+}

@@ -25,6 +25,16 @@ pub fn direction(azimuth: f32, declination: f32) -> Vec3 {
     Vec3::new(sin_d * cos_a, sin_d * sin_a, cos_d)
 }
 
+/// The direction of `v` at right angles to unit vector `axis`.
+///
+/// `None` where hardly anything of `v` points across: what is left there is rounding error, and
+/// scaling it up would give a direction that is not at right angles.
+pub fn across(v: Vec3, axis: Vec3) -> Option<Vec3> {
+    let rest = v - axis * v.dot(axis);
+    let length = rest.length();
+    (length > 1e-3 * v.length() && length > f32::MIN_POSITIVE).then(|| rest / length)
+}
+
 /// A unit vector at right angles to unit vector `axis`.
 pub fn any_normal(axis: Vec3) -> Vec3 {
     let helper = if axis.x.abs() < 0.7 { Vec3::X } else { Vec3::Y };
@@ -41,8 +51,8 @@ pub fn organ_rotation(frame: Quat) -> Quat {
 
 /// The frame whose Z is unit `heading` and whose Y is as near to `upper` as can be.
 pub fn frame_of(heading: Vec3, upper: Vec3) -> Quat {
-    let x = upper.cross(heading).try_normalize().unwrap_or_else(|| any_normal(heading));
-    Quat::from_mat3(&glam::Mat3::from_cols(x, heading.cross(x), heading))
+    let y = across(upper, heading).unwrap_or_else(|| any_normal(heading));
+    Quat::from_mat3(&glam::Mat3::from_cols(y.cross(heading), y, heading))
 }
 
 #[cfg(test)]
@@ -55,6 +65,15 @@ mod tests {
         let rotation = organ_rotation(frame);
         assert!((rotation * Vec3::Y - Vec3::X).length() < 1e-6);
         assert!((rotation * Vec3::Z - Vec3::Z).length() < 1e-6);
+    }
+
+    #[test]
+    fn what_points_along_the_axis_has_no_direction_across_it() {
+        let axis = Vec3::new(0.6, 0.0, 0.8);
+        assert_eq!(across(axis * 3.0, axis), None);
+        assert_eq!(across(Vec3::ZERO, axis), None);
+        let found = across(Vec3::new(1.0, 2.0, 3.0), axis).unwrap();
+        assert!(found.dot(axis).abs() < 1e-6 && (found.length() - 1.0).abs() < 1e-6);
     }
 
     #[test]

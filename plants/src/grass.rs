@@ -127,7 +127,7 @@ impl Grass {
         let facing = azimuth + stream.around(0.0, 0.5) as f32;
         let width = self.width * stream.range(0.7, 1.2) as f32 * thin(stature);
         let shape = Arch { foot, azimuth: facing, length, path };
-        let nodes = shape.nodes(self.segments, |t| 0.5 * width * blade_width(t));
+        let nodes = shape.blade(self.segments, |t| 0.5 * width * blade_width(t));
         let id = axis_id(0, "blade", slot);
         let axis = Axis::new(id, AxisKind::Blade, material);
         skeleton.push(axis.facing(-direction(facing, 1.0).with_z(-0.5).normalize()), nodes);
@@ -181,7 +181,7 @@ fn thin(stature: &Stature) -> f32 {
 
 /// Stretches a tuft to the height and radius asked for.
 pub(crate) fn fit(skeleton: &mut Skeleton, stature: &Stature) {
-    let up = stature.height / skeleton.height().max(f32::MIN_POSITIVE);
+    let up = skeleton.stretch_to(stature.height);
     // A tuft so narrow or wide that its blades would break keeps some of its own shape.
     let across = (stature.radius / skeleton.reach().max(1e-6)).clamp(0.4 * up, 2.5 * up);
     skeleton.stretch(across, up, 1.0);
@@ -213,7 +213,7 @@ impl Arch {
         self.foot + direction(self.azimuth, from + half) * (self.length * t * chord)
     }
 
-    /// The point at the fraction `t` of the polygon of `segments` that [`Arch::nodes`] makes of
+    /// The point at the fraction `t` of the polygon of `segments` that [`Arch::stem`] makes of
     /// it: what grows there stands on what is drawn.
     pub fn point_on(&self, segments: u32, t: f32) -> Vec3 {
         let place = (t * segments as f32).clamp(0.0, segments as f32);
@@ -222,13 +222,26 @@ impl Arch {
         corner(before).lerp(corner(before + 1.0), place - before)
     }
 
-    /// Nodes of the whole, its first a little below ground.
-    pub fn nodes(&self, segments: u32, radius: impl Fn(f32) -> f32) -> Vec<Node> {
+    /// Nodes of a blade, its first moved a little below ground.
+    pub fn blade(&self, segments: u32, radius: impl Fn(f32) -> f32) -> Vec<Node> {
         let mut nodes = self.part(0.0, 1.0, segments, radius);
         // Blades that arch over come to lie on the ground.
         nodes.iter_mut().for_each(|node| node.position.z = node.position.z.max(0.0));
-        nodes[0].position -= direction(self.azimuth, self.path[0]) * ROOT_DEPTH;
+        nodes[0].position -= self.root();
         nodes
+    }
+
+    /// Nodes of a stem, with one more below ground: leaves may grow right from the foot.
+    pub fn stem(&self, segments: u32, radius: impl Fn(f32) -> f32) -> Vec<Node> {
+        let mut nodes = self.part(0.0, 1.0, segments, radius);
+        let root = Node { position: nodes[0].position - self.root(), ..nodes[0] };
+        nodes.insert(0, root);
+        nodes
+    }
+
+    /// From the root to the foot.
+    fn root(&self) -> Vec3 {
+        direction(self.azimuth, self.path[0]) * ROOT_DEPTH
     }
 
     /// Nodes of the part between two fractions of the length; `radius` takes the fraction of

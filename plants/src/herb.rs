@@ -163,7 +163,7 @@ impl Herb {
         let path = [lean, lean * stream.range(0.0, 0.7) as f32];
         let line = Arch { foot, azimuth, length, path };
         let radius = stature.stem_radius;
-        let nodes = line.nodes(STEM_SEGMENTS, |t| radius * (1.0 - 0.6 * t));
+        let nodes = line.stem(STEM_SEGMENTS, |t| radius * (1.0 - 0.6 * t));
         let id = axis_id(0, "stem", slot);
         let axis = skeleton.push(Axis::new(id, AxisKind::Stem, material), nodes);
         Stem { line, axis, slot, grown }

@@ -5,6 +5,7 @@
 //! [Bishop75]), and closed at the tip. Blades become ribbons. Axes of one material share a mesh;
 //! organs stay instanced.
 
+use crate::frame::{across, any_normal};
 use crate::skeleton::{Axis, AxisKind, Node, Skeleton};
 use glam::{Quat, Vec3};
 use weald_contract::{Mesh, Organ, Placement, PlantModel};
@@ -77,8 +78,7 @@ fn transport(nodes: &[Node], first_normal: Vec3, path: &mut Vec<Station>) {
         let after = nodes[(i + 1).min(nodes.len() - 1)].position;
         let turned = (after - before).try_normalize().unwrap_or(tangent);
         if i == 0 {
-            let across = normal - turned * normal.dot(turned);
-            normal = across.try_normalize().unwrap_or_else(|| crate::frame::any_normal(turned));
+            normal = across(normal, turned).unwrap_or_else(|| any_normal(turned));
         } else {
             normal = Quat::from_rotation_arc(tangent, turned) * normal;
             along += node.position.distance(before);

@@ -131,7 +131,7 @@ impl Reed {
         let line =
             Arch { foot, azimuth, length, path: [lean, lean + stream.range(0.0, 0.15) as f32] };
         let radius = stature.stem_radius;
-        let nodes = line.nodes(STEM_SEGMENTS, |t| radius * (1.0 - 0.75 * t));
+        let nodes = line.stem(STEM_SEGMENTS, |t| radius * (1.0 - 0.75 * t));
         let id = axis_id(0, "stem", slot);
         let axis = skeleton.push(Axis::new(id, AxisKind::Stem, colors.stem), nodes);
         Stem { line, axis, slot, grown }

@@ -157,6 +157,15 @@ impl Skeleton {
         points.map(|p| p.truncate().length_squared()).fold(0.0, f32::max).sqrt()
     }
 
+    /// The factor by which the skeleton must be stretched to stand `height` high.
+    ///
+    /// Parameters that lay a plant on the ground would need an infinite one; it then stays
+    /// lower than asked for.
+    pub fn stretch_to(&self, height: f32) -> f32 {
+        let grown = self.height();
+        if grown > 0.02 * height { height / grown } else { 1.0 }
+    }
+
     /// Stretches all places by `across` in x and y and `up` in z, and radii by `thickness`.
     ///
     /// Organs keep their own size and direction.
@@ -202,9 +211,8 @@ impl Skeleton {
         let parent = self.axes.get(parent as usize).filter(|_| (parent as usize) < index);
         let parent = self.nodes_of(parent.ok_or("stands before its parent")?);
         let gap = distance_to_line(nodes[0].position, parent);
-        // A child is placed on the smooth axis; the nodes are a polygon inscribed in it.
         let length: f32 = parent.windows(2).map(|p| p[0].position.distance(p[1].position)).sum();
-        let allowed = 1e-3 * length + 0.5 * parent.iter().map(|n| n.radius).fold(0.0, f32::max);
+        let allowed = 1e-3 * length;
         if gap > allowed {
             return Err(format!("begins {gap} m off its parent; {allowed} m are allowed"));
         }
@@ -267,6 +275,12 @@ mod tests {
         let mut skeleton = stem();
         skeleton.axes[0].parent = Some(0);
         assert!(skeleton.check().unwrap_err().contains("before its parent"));
+    }
+
+    #[test]
+    fn a_plant_that_lies_on_the_ground_is_not_stretched_to_the_sky() {
+        assert_eq!(stem().stretch_to(3.0), 3.0);
+        assert_eq!(Skeleton::default().stretch_to(3.0), 1.0);
     }
 
     #[test]

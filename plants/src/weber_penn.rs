@@ -153,8 +153,9 @@ table! {
     }
 }
 
-/// Most stems and leaves of a tree; the largest published species has a tenth of it.
-const MOST_PARTS: f64 = 10e6;
+/// Most stems and leaves of a tree: the largest published species, the weeping willow, comes to
+/// 1.1 million, and a stem takes about a kilobyte.
+const MOST_PARTS: f64 = 2e6;
 
 impl WeberPenn {
     /// Everything wrong with the parameters that ranges could not tell.

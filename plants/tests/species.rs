@@ -286,6 +286,16 @@ fn form_problems(text: &str) -> Vec<(String, String)> {
 }
 
 #[test]
+fn blades_that_lie_on_the_ground_still_make_a_sound_model() {
+    let text = "generator = \"grass\"\nlean_deg = [90, 90]\narch_deg = [170, 170]\nheads = 0";
+    let form = Form::from_toml(&Value::parse(0, text).unwrap(), &mut Vec::new()).unwrap();
+    let grass = kind("grass");
+    let plant = grass.plant(3.0, 1.0);
+    let model = weald_plants::grow("x", &form, &grass.species.size, &plant, Seed(1)).unwrap();
+    assert!(is_finite(&model) && model.instanced_triangles() > 0);
+}
+
+#[test]
 fn mistakes_in_a_form_are_told_at_their_own_tokens() {
     let told = form_problems("generator = \"grass\"\nblades = [0, 40]\nwidht = 0.01");
     let tokens: Vec<&str> = told.iter().map(|(token, _)| token.as_str()).collect();

@@ -2,7 +2,7 @@
 
 use super::tree::{Stem, Tree};
 use super::{Level, formula};
-use crate::frame::any_normal;
+use crate::frame::{across, any_normal};
 use crate::presence::presence;
 use crate::skeleton::PlacedOrgan;
 use glam::{Quat, Vec3};
@@ -77,12 +77,10 @@ impl Tree<'_> {
         let hanging = heading + (-Vec3::Z - heading) * leaf.droop;
         let heading = hanging.try_normalize().unwrap_or(heading);
         // The face turns about the leaf's own length, as a blade does on its stalk.
-        let across = |v: Vec3| v - heading * v.dot(heading);
-        let light = across(Vec3::Z + 0.5 * position.with_z(0.0).normalize_or_zero());
-        let upper = across(upper);
-        let turned =
-            upper.normalize_or_zero() * (1.0 - leaf.bend) + light.normalize_or_zero() * leaf.bend;
-        let upper = turned.try_normalize().unwrap_or_else(|| any_normal(heading));
+        let light = Vec3::Z + 0.5 * position.with_z(0.0).normalize_or_zero();
+        let grown = across(upper, heading).unwrap_or_default() * (1.0 - leaf.bend);
+        let lit = across(light, heading).unwrap_or_default() * leaf.bend;
+        let upper = across(grown + lit, heading).unwrap_or_else(|| any_normal(heading));
         Quat::from_mat3(&glam::Mat3::from_cols(heading.cross(upper), heading, upper))
     }
 }

@@ -3,7 +3,7 @@
 use super::Level;
 use super::stem::radius_at;
 use super::tree::{Place, Stem, Tree};
-use crate::frame::direction;
+use crate::frame::{across, direction};
 use crate::presence::presence;
 use crate::skeleton::PlacedOrgan;
 use glam::{Quat, Vec3};
@@ -40,7 +40,7 @@ impl Tree<'_> {
         }
         let Some(prototype) = self.scar else { return };
         let up = place.frame * Vec3::Z;
-        let Some(out) = (towards - up * towards.dot(up)).try_normalize() else { return };
+        let Some(out) = across(towards, up) else { return };
         let frame = Quat::from_mat3(&glam::Mat3::from_cols(up.cross(out), up, out));
         self.skeleton.organs.push(PlacedOrgan {
             prototype,

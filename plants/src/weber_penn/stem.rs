@@ -231,19 +231,26 @@ impl Piece {
         self.frames[self.locate(z, res).0]
     }
 
-    /// The point at the fraction `z` of a stem of `order`.
-    ///
-    /// Few and thick segments are smoothed to the Catmull-Rom curve through the joints, whose
-    /// midpoints are those of 4-point subdivision [Dyn87]; elsewhere the joints are the nodes and
-    /// what grows between them stands on the straight line.
+    /// The point at the fraction `z` of a stem of `order`, on the polygon of the skeleton's nodes:
+    /// what grows there stands on what is drawn.
     pub fn point(&self, z: f32, res: u32, order: usize) -> Vec3 {
-        let (i, u) = self.locate(z, res);
-        let (b, c) = (self.points[i], self.points[i + 1]);
-        if nodes_per_segment(order, res) == 1 {
-            return b + (c - b) * u;
+        let per_segment = nodes_per_segment(order, res);
+        let (segment, u) = self.locate(z, res);
+        if per_segment == 1 {
+            return self.points[segment].lerp(self.points[segment + 1], u);
         }
-        let a = if i > 0 { self.points[i - 1] } else { 2.0 * b - c };
-        let d = self.points.get(i + 2).copied().unwrap_or(2.0 * c - b);
+        let place = u * per_segment as f32;
+        let before = libm::floorf(place).min(per_segment as f32 - 1.0);
+        let node = |i: f32| self.smooth(segment, i / per_segment as f32);
+        node(before).lerp(node(before + 1.0), place - before)
+    }
+
+    /// The point at the fraction `u` of a segment, on the Catmull-Rom curve through the joints,
+    /// whose midpoints are those of 4-point subdivision [Dyn87].
+    fn smooth(&self, segment: usize, u: f32) -> Vec3 {
+        let (b, c) = (self.points[segment], self.points[segment + 1]);
+        let a = if segment > 0 { self.points[segment - 1] } else { 2.0 * b - c };
+        let d = self.points.get(segment + 2).copied().unwrap_or(2.0 * c - b);
         let (u2, u3) = (u * u, u * u * u);
         0.5 * (2.0 * b
             + (c - a) * u

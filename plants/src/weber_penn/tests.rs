@@ -130,3 +130,48 @@ fn helices_and_fans_grow_too() {
     assert_eq!(skeleton.organs.len(), 7);
     assert!(skeleton.organs.iter().all(|leaf| leaf.position.distance(tip) < 1e-3));
 }
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig {
+        cases: 64, failure_persistence: None, ..Default::default()
+    })]
+    #[test]
+    fn no_parameters_break_a_tree(
+        shape in 0_u32..=8,
+        taper in 0.0_f32..=3.0,
+        res in 1_u32..12,
+        angles in proptest::array::uniform8(-180.0_f32..180.0),
+        splits in 0.0_f32..2.0,
+        up in -5.0_f32..5.0,
+        sizes in proptest::array::uniform4(0.0_f32..1.0),
+        is_pruned: bool,
+        fit_crown: bool,
+        seed: u64,
+    ) {
+        let [a, b, c, d, e, f, g, h] = angles;
+        let [base, length, maturity, vigor] = sizes;
+        let base = 0.9 * base;
+        // A trunk that turns to the ground cannot have the height asked for.
+        let trunk = 0.3 * a;
+        let prune = if is_pruned { "prune = { width = 0.3 }" } else { "" };
+        let text = format!(
+            "shape = {shape}\nbase_size = {base}\nattraction_up = {up}\nfit_crown = {fit_crown}\n\
+             flare = 0.7\nlobes = 3\nlobe_depth = 0.2\nbase_splits = 1\nscar = [0.1, 0.1, 0.1]\n{prune}\n\
+             [[level]]\ncurve_res = {res}\ntaper = {taper}\ncurve_v_deg = {trunk}\nseg_splits = {splits}\n\
+             split_angle_deg = [{b}, 20]\n\
+             [[level]]\nbranches = 7\ncurve_res = {res}\ntaper = {taper}\nlength = [{length}, 0.1]\n\
+             down_angle_deg = [{c}, {d}]\nrotate_deg = [{e}, 10]\ncurve_deg = {f}\ncurve_back_deg = {g}\n\
+             [[level]]\nbranches = 4\ndown_angle_deg = [{d}, 10]\nlength = [0.5, {length}]\ncurve_v_deg = {h}\n\
+             [leaf]\ncount = 5\ndroop = {length}\nbend = {base}\nstalk = 0.5\n"
+        );
+        let mut problems = Vec::new();
+        let form = WeberPenn::from_toml(&Value::parse(0, &text).unwrap(), &mut problems);
+        proptest::prop_assert!(problems.is_empty(), "{:?}", problems);
+        let (height, radius) = (8.0 * maturity.max(0.01), 2.0 * maturity.max(0.01));
+        let stature =
+            Stature { height, radius, stem_radius: 0.02 * height, maturity: maturity.max(0.01), vigor };
+        let skeleton = form.unwrap().grow(&stature, Seed(seed));
+        proptest::prop_assert_eq!(skeleton.check(), Ok(()));
+        proptest::prop_assert!((skeleton.height() - height).abs() < 1e-3 * height);
+    }
+}

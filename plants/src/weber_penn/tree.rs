@@ -35,7 +35,7 @@ pub(super) fn grow(form: &WeberPenn, stature: &Stature, seed: Seed) -> Skeleton 
     let mut tree = Tree::new(form, stature, seed, fit);
     tree.grow(form.level.value.len());
     let mut skeleton = tree.skeleton;
-    let up = stature.height / skeleton.height().max(f32::MIN_POSITIVE);
+    let up = skeleton.stretch_to(stature.height);
     let across = if form.fit_crown {
         (stature.radius / skeleton.reach().max(1e-6)).clamp(STRETCH.0 * up, STRETCH.1 * up)
     } else {

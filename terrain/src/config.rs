@@ -3,7 +3,7 @@
 use crate::mask::Masks;
 use crate::operator::{Blend, Operator};
 use weald_contract::table::Tagged;
-use weald_contract::{Input, InputKind, Problem, Problems, View, Written, table};
+use weald_contract::{Input, InputKind, Problem, Problems, Span, View, Written, table};
 
 table! {
     /// `[terrain]`: an elevation model, the operators that shape it, and its water.
@@ -80,7 +80,7 @@ table! {
         /// Name of the view.
         view: Written<String>;
         /// Side of a cell, m; smaller than that of the terrain.
-        cell: Written<f64> = Written { value: 0.25, span: weald_contract::Span::default() }, in 0.001..=100000.0;
+        cell: Written<f64> = Written { value: 0.25, span: Span::default() }, in 0.001..=100000.0;
         /// Half the side of the square, m.
         radius: f64 = 60.0, in 0.1..=100000.0;
     }
@@ -135,6 +135,11 @@ impl Config {
 }
 
 impl Detail {
+    /// Where the cell is written, or else the view that the detail belongs to.
+    pub(crate) fn cell_span(&self) -> Span {
+        if self.cell.span == Span::default() { self.view.span } else { self.cell.span }
+    }
+
     fn check(&self, cell: Option<f64>, views: &[View], problems: &mut Problems) {
         if !views.iter().any(|view| view.name == self.view.value) {
             let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
@@ -147,7 +152,7 @@ impl Detail {
         }
         if cell.is_some_and(|cell| self.cell.value >= cell) {
             problems.push(
-                Problem::at(self.cell.span, "a detail's cell must be smaller than the terrain's")
+                Problem::at(self.cell_span(), "a detail's cell must be smaller than the terrain's")
                     .hint(format!("the terrain has cells of {} m", cell.unwrap_or_default())),
             );
         }

@@ -76,7 +76,7 @@ impl Patches<'_> {
         let wide = lattice.grown(halo(&shaped.layers, lattice.cell), &bounds);
         if wide.len() > MAX_CELLS {
             let message = format!("this detail would have {} × {} cells", wide.width, wide.height);
-            return Err(Problem::at(detail.cell.span, message)
+            return Err(Problem::at(detail.cell_span(), message)
                 .hint(format!("at most {MAX_CELLS} are made: enlarge `cell` or lessen `radius`"))
                 .into());
         }
@@ -99,7 +99,7 @@ fn patch_lattice(detail: &Detail, whole: &Lattice, views: &[View]) -> Result<Lat
     let cell = detail.cell.value;
     if cell >= whole.cell {
         return Err(Problem::at(
-            detail.cell.span,
+            detail.cell_span(),
             "a detail's cell must be smaller than the terrain's",
         )
         .hint(format!("the terrain has cells of {} m", whole.cell)));

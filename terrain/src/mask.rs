@@ -11,7 +11,9 @@ use crate::spline::{Polyline, influence, smoothstep};
 use std::collections::BTreeMap;
 use weald_contract::formula::Variable;
 use weald_contract::table::{Json, Kind, Value};
-use weald_contract::{Formula, Frame, FromToml, Image, Problem, Problems, Seed, Written, table};
+use weald_contract::{
+    Formula, Frame, FromToml, Image, Problem, Problems, Seed, Span, Written, table,
+};
 
 table! {
     /// Conditions on a place; those that are given multiply.
@@ -69,7 +71,7 @@ table! {
         /// Wavelength of the largest patches, m.
         wavelength: f64, in 0.001..=10000000.0;
         /// Range of noise values over which the mask rises; noise lies in -1 to 1, mostly within a half.
-        range: Written<[f64; 2]> = Written { value: [-0.1, 0.1], span: weald_contract::Span::default() }, in -1.0..=1.0;
+        range: Written<[f64; 2]> = Written { value: [-0.1, 0.1], span: Span::default() }, in -1.0..=1.0;
         /// Number of octaves.
         octaves: u32 = 4, in 1.0..=24.0;
         /// Which of many such noises.

@@ -279,3 +279,29 @@ fn ponds_fill_hollows_with_rain_and_dry_ones_stay_dry() {
     let dry = terrain("source = \"d\"").unwrap();
     assert!(dry.values("water_depth").unwrap().iter().all(|d| *d == 0.0));
 }
+
+#[test]
+fn a_wish_to_stop_is_heard() {
+    struct Impatient;
+    impl weald_contract::Progress for Impatient {
+        fn begin(&self, _: &str, _: u64, _: &str) {}
+        fn advance(&self, _: u64) {}
+        fn is_cancelled(&self) -> bool {
+            true
+        }
+    }
+    let stopped =
+        build(&config(SCENE), &raster(), &BTreeMap::new(), &[view()], Seed(7), &Impatient);
+    assert!(matches!(stopped, Err(Error::Cancelled)));
+}
+
+#[test]
+fn a_view_off_the_terrain_gets_no_patch_but_an_error_at_its_name() {
+    let text = "source = \"d\"\n[[detail]]\nview = \"bank\"\nradius = 5";
+    let mut far = view();
+    far.stand_at = [500.0, 40.0];
+    match build(&config(text), &raster(), &BTreeMap::new(), &[far], Seed(7), &Silent) {
+        Err(Error::Problem(problem)) => assert_eq!(token(text, &problem), "\"bank\""),
+        other => panic!("expected a problem, found {:?}", other.map(|layers| layers.frame)),
+    }
+}

@@ -43,7 +43,8 @@ fn sources(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
-/// Keys in brackets: a capital, then letters, then the year's two digits, then perhaps a letter.
+/// Keys in brackets, perhaps with a chapter behind: a capital, letters, two digits of the year,
+/// perhaps a letter.
 fn citations(text: &str) -> BTreeSet<String> {
     let is_key = |key: &str| {
         let name = key.trim_end_matches(|c: char| c.is_ascii_lowercase());
@@ -56,7 +57,7 @@ fn citations(text: &str) -> BTreeSet<String> {
     };
     text.split('[')
         .skip(1)
-        .filter_map(|after| after.split_once(']').map(|(key, _)| key))
+        .filter_map(|after| after.split_once(']')?.0.split([' ', ',']).next())
         .filter(|key| is_key(key))
         .map(String::from)
         .collect()

@@ -288,9 +288,9 @@ pub struct Canvas {
     /// Folder of the terrain's layers; without it the terrain is made for this.
     #[arg(long, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
     pub terrain: Option<PathBuf>,
-    /// The density, `.png`.
+    /// The density, `.png` [default: inputs/density.png in the scene's folder].
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
-    pub output: PathBuf,
+    pub output: Option<PathBuf>,
 }
 
 /// `weald info`.

@@ -261,11 +261,13 @@ fn render_alone(arguments: &args::Render, global: &Global, shown: &Shown) -> Res
 
 fn paint(arguments: &args::Canvas, global: &Global) -> Result<ExitCode> {
     let scene = load(&arguments.scene, global)?;
+    let beside = || scene.folder().join("inputs").join("density.png");
+    let density = arguments.output.clone().unwrap_or_else(beside);
     let made = match &arguments.terrain {
-        Some(terrain) => canvas::write(&scene, terrain, &arguments.output)?,
+        Some(terrain) => canvas::write(&scene, terrain, &density)?,
         None => {
             listen_for_ctrl_c();
-            canvas::write_with_new_terrain(&scene, &arguments.output, &Shown::new(global))?
+            canvas::write_with_new_terrain(&scene, &density, &Shown::new(global))?
         }
     };
     let words = format!(

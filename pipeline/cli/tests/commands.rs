@@ -112,6 +112,22 @@ fn a_killed_run_goes_on_from_what_was_finished() {
     assert!(whole == bytes_below(&tiny.path("out")));
 }
 
+#[test]
+fn an_output_that_someone_changed_is_made_again() {
+    let tiny = Tiny::new();
+    tiny.done("run scene -o out");
+    let whole = bytes_below(&tiny.path("out"));
+    tiny.write("out/terrain/slope.tif", "not what the stage wrote");
+    let plan = tiny.done("run scene -o out -n").out;
+    assert!(plan.contains("terrain/slope.tif was changed"), "{plan}");
+    tiny.done("run scene -o out");
+    assert!(whole == bytes_below(&tiny.path("out")));
+    // A palette that shrinks takes the models along that it no longer needs.
+    tiny.done("run scene -o out --set quantize.representatives=1");
+    assert!(bytes_below(&tiny.path("out/plants")).len() < 8);
+    assert!(!tiny.path("out/plants/0008.glb").exists());
+}
+
 #[cfg(unix)]
 #[test]
 fn ctrl_c_keeps_what_was_finished_and_says_so_by_its_exit_code() {
@@ -227,6 +243,8 @@ fn previews_exports_and_canvases_are_written() {
     let canvas = tiny.done("canvas scene --terrain out/terrain -o scene/inputs/nettle.png");
     assert!(canvas.out.contains("64 x 64"), "{}", canvas.out);
     assert!(tiny.path("scene/inputs/nettle.guide.png").is_file());
+    tiny.done("canvas scene");
+    assert!(tiny.path("scene/inputs/density.png").is_file());
 }
 
 #[test]

@@ -30,6 +30,7 @@ pub fn write(scene: &Scene, terrain: &Path, density: &Path) -> Result<Canvas> {
     let layers = weald_formats::read_terrain(terrain)?;
     let size = [layers.frame.width, layers.frame.height];
     let story = make::provenance(scene, Stage::Terrain, false, Vec::new());
+    make::make_folder_of(density)?;
     if !density.exists() {
         let empty = Sketch::filled(size[0], size[1], [0; 3]);
         weald_formats::write_png(density, size[0], size[1], &empty.rgb, &story)?;

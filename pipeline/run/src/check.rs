@@ -42,7 +42,7 @@ pub struct Estimate {
     pub models_at_most: u64,
     /// Light paths to trace.
     pub samples: u64,
-    /// Memory at the fullest moment, bytes.
+    /// Memory at the fullest moment, were all those plants to stand, bytes.
     pub memory_bytes: u64,
     /// Time on `threads` cores, s.
     pub seconds: f64,
@@ -61,12 +61,9 @@ pub fn estimate(scene: &Scene, is_draft: bool) -> Result<Estimate> {
     let config = render_config(scene, is_draft);
     let pixels = u64::from(config.resolution[0]) * u64::from(config.resolution[1]);
     let samples = pixels * u64::from(config.samples);
-    let terrain = cells * BYTES_A_CELL;
+    let ground = cells * BYTES_A_CELL + pixels * BYTES_A_PIXEL;
     let growing = cells * BYTES_A_CELL / 2 + plants * BYTES_A_PLANT;
-    let tracing = cells * BYTES_A_CELL
-        + plants * (BYTES_AN_INSTANCE + BYTES_A_PLANT / 2)
-        + pixels * BYTES_A_PIXEL
-        + models * BYTES_A_MODEL;
+    let standing = plants * (BYTES_AN_INSTANCE + BYTES_A_PLANT / 2) + models * BYTES_A_MODEL;
     let threads = rayon::current_num_threads();
     let work = cells as f64 * SECONDS_A_CELL
         + plants as f64 * SECONDS_A_PLANT
@@ -77,11 +74,11 @@ pub fn estimate(scene: &Scene, is_draft: bool) -> Result<Estimate> {
         plants_at_most: plants,
         models_at_most: models,
         samples,
-        memory_bytes: terrain.max(growing).max(tracing),
+        memory_bytes: growing.max(ground + standing),
         seconds: work / threads as f64,
         threads,
     };
-    refuse_too_large(scene, &estimate)?;
+    refuse_too_large(scene, ground, &estimate)?;
     Ok(estimate)
 }
 
@@ -135,22 +132,25 @@ fn models_at_most(scene: &Scene) -> u64 {
 }
 
 /// An absurd size is an error before work, not a crash in the middle of it.
-fn refuse_too_large(scene: &Scene, estimate: &Estimate) -> Result<()> {
+///
+/// Only what is certain counts: ground and picture. The plants' share is an upper bound, which a
+/// formula may thin to almost nothing; ecosim has its own limit, `max_plants`.
+fn refuse_too_large(scene: &Scene, certain: u64, estimate: &Estimate) -> Result<()> {
     let Some(available) = memory_of_machine() else { return Ok(()) };
-    if estimate.memory_bytes <= available {
+    if certain <= available {
         return Ok(());
     }
     let [width, height] = scene.render.resolution;
     Err(Error::plain(
         format!(
-            "the run would need about {}, and the machine has {}",
-            bytes_in_words(estimate.memory_bytes),
+            "ground and picture would need about {}, and the machine has {}",
+            bytes_in_words(certain),
             bytes_in_words(available)
         ),
         format!(
-            "it has {} terrain cells, at most {} plants and {width} x {height} pixels: \
-             make the largest smaller",
-            estimate.cells, estimate.plants_at_most
+            "`[terrain]` asks for {} cells and `[render]` for {width} x {height} pixels: \
+             make the larger one smaller",
+            estimate.cells
         ),
     ))
 }
@@ -189,7 +189,7 @@ impl fmt::Display for Estimate {
         writeln!(f, "plants at most    {}", self.plants_at_most)?;
         writeln!(f, "models at most    {}", self.models_at_most)?;
         writeln!(f, "light paths       {}", self.samples)?;
-        writeln!(f, "memory about      {}", bytes_in_words(self.memory_bytes))?;
+        writeln!(f, "memory at most    {}", bytes_in_words(self.memory_bytes))?;
         writeln!(
             f,
             "time about        {} on {} threads",

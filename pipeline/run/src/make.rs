@@ -106,7 +106,7 @@ fn make_folder(path: &Path) -> Result<()> {
 }
 
 /// Makes the folder in which a file will stand.
-fn make_folder_of(path: &Path) -> Result<()> {
+pub(crate) fn make_folder_of(path: &Path) -> Result<()> {
     match path.parent() {
         Some(folder) if !folder.as_os_str().is_empty() => make_folder(folder),
         _ => Ok(()),

@@ -56,8 +56,8 @@ fn given_ground(source: &Path, inputs: &Path) -> Result<(PathBuf, String)> {
     // The pond belongs to the ground that comes with the template.
     let text = without(&text, "[[terrain.op]] # pond", "[terrain.water]");
     let text = text.replace(
-        "disc = [75.0, 65.0, 26.0]",
-        &format!("disc = [{:.1}, {:.1}, 26.0]", 0.36 * width, 0.3 * height),
+        "disc = [75.0, 65.0, 15.0]",
+        &format!("disc = [{:.1}, {:.1}, 15.0]", 0.36 * width, 0.3 * height),
     );
     Ok((path, text))
 }

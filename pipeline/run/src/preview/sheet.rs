@@ -146,7 +146,7 @@ fn add(
     }
 }
 
-/// sRGB byte of a linear value [IEC61966].
+/// sRGB byte of a linear value (IEC 61966-2-1).
 fn encode(linear: f32) -> u8 {
     let linear = linear.clamp(0.0, 1.0);
     let encoded = match linear {

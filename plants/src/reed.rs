@@ -5,7 +5,7 @@ use crate::frame::direction;
 use crate::grass::{Arch, fit};
 use crate::material::{LeafColor, leaf, opaque};
 use crate::presence::{filling, presence};
-use crate::skeleton::{Axis, AxisKind, Skeleton, axis_id};
+use crate::skeleton::{Axis, AxisKind, Node, Skeleton, axis_id};
 use glam::Vec3;
 use weald_contract::{Problems, Seed, table, words};
 
@@ -240,7 +240,12 @@ impl Reed {
         let (from, to) = (0.94 - self.head_length, 0.94);
         let thick = 0.5 * self.head_width * ripe;
         let swelling = |t: f32| thick * (4.0 * t.min(1.0 - t) + 0.25).min(1.0);
-        let nodes = stem.line.part(from, to, 6, swelling);
+        let node = |i: u32| {
+            let t = i as f32 / 6.0;
+            let position = stem.line.point_on(STEM_SEGMENTS, from + (to - from) * t);
+            Node { position, radius: swelling(t).max(1e-5) }
+        };
+        let nodes = (0..=6).map(node);
         let id = axis_id(axis_id(0, "stem", stem.slot), "cattail", 0);
         let axis = Axis::new(id, AxisKind::Stem, colors.head).on(stem.axis, from, 1);
         skeleton.push(axis.facing(Vec3::X), nodes);

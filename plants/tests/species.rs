@@ -312,7 +312,7 @@ fn mistakes_in_a_form_are_told_at_their_own_tokens() {
 
 proptest::proptest! {
     #![proptest_config(proptest::prelude::ProptestConfig {
-        cases: 24, failure_persistence: None, ..Default::default()
+        cases: 24, failure_persistence: None, rng_seed: proptest::test_runner::RngSeed::Fixed(1), ..Default::default()
     })]
     #[test]
     fn no_stature_breaks_a_small_plant(

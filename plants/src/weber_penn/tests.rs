@@ -133,7 +133,7 @@ fn helices_and_fans_grow_too() {
 
 proptest::proptest! {
     #![proptest_config(proptest::prelude::ProptestConfig {
-        cases: 64, failure_persistence: None, ..Default::default()
+        cases: 64, failure_persistence: None, rng_seed: proptest::test_runner::RngSeed::Fixed(1), ..Default::default()
     })]
     #[test]
     fn no_parameters_break_a_tree(

@@ -158,7 +158,7 @@ impl Bsdf {
         (pdf > 0.0).then(|| BsdfSample { direction, weight: value / pdf, pdf })
     }
 
-    /// The coat: GGX facets with height-correlated shadowing [Heitz14 eq. 99].
+    /// The coat: GGX facets with height-correlated shadowing [Heitz14] eq. 99.
     fn coat(&self, view: Vec3, light: Vec3) -> Scatter {
         let half = (view + light).normalize_or(self.normal);
         let (cos_view, cos_light) = (self.normal.dot(view), self.normal.dot(light));
@@ -169,7 +169,7 @@ impl Bsdf {
         let reach = |cos: f32| (a2 + (1.0 - a2) * cos * cos).sqrt();
         let visible = 0.5 / (cos_light * reach(cos_view) + cos_view * reach(cos_light));
         let value = fresnel(view.dot(half)) * facets * visible * cos_light;
-        // Density of visible facets over that of reflected directions [Heitz18 eq. 17].
+        // Density of visible facets over that of reflected directions [Heitz18] eq. 17.
         let masked = 2.0 / (1.0 + reach(cos_view) / cos_view);
         Scatter { value: Vec3::splat(value), pdf: masked * facets / (4.0 * cos_view) }
     }

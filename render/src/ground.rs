@@ -382,7 +382,7 @@ impl Colors {
 
     /// Diffuse reflectance at a place in scene-local metres.
     ///
-    /// Dry soil is sandy, wet soil dark [LD79 found a halving or more]; the crowns' litter is
+    /// Dry soil is sandy, wet soil dark [LD88]; the crowns' litter is
     /// brown; thatch of last year's grass lies between. Noise of wavelengths from metres to
     /// centimetres keeps any of them from looking painted.
     pub fn reflectance(&self, x: f32, y: f32) -> Vec3 {

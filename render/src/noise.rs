@@ -2,7 +2,7 @@
 
 /// Hash of a lattice point to [0, 1).
 fn lattice(x: i32, y: i32, seed: u32) -> f32 {
-    // Two rounds of multiply and xor-shift; constants of [Wang07] spread the bits well enough
+    // Two rounds of multiply and xor-shift; constants of [Wellons18] spread the bits well enough
     // for colour.
     let mut h = (x as u32).wrapping_mul(0x8DA6_B343)
         ^ (y as u32).wrapping_mul(0xD816_3841)

@@ -2,7 +2,7 @@
 //!
 //! At every scattering the lights are connected to directly (next-event estimation) and the path
 //! goes on in a direction drawn from the surface; both ways of reaching the sky are combined by
-//! the power heuristic [Veach97 §9.2]. The sun is so small that only connections find it, except
+//! the power heuristic [Veach97] §9.2. The sun is so small that only connections find it, except
 //! for the eye itself and its mirror image in water. Paths end at random once they carry little
 //! [AK90].
 
@@ -577,7 +577,7 @@ fn survives(path: &mut Path, u: f32) -> bool {
     u < chance
 }
 
-/// The power heuristic of two densities [Veach97 eq. 9.13], written so that infinities stay out.
+/// The power heuristic of two densities [Veach97] eq. 9.13, written so that infinities stay out.
 fn heuristic(mine: f32, other: f32) -> f32 {
     if mine <= 0.0 {
         return 0.0;

@@ -4,7 +4,7 @@
 //! the sphere so that it can be looked up and drawn from. Its RGB data come without an absolute
 //! scale in their paper; taken as watts, they give the illuminance that lighting engineers
 //! measured within a quarter (a test holds this). The sun is a disc whose irradiance is that of
-//! space, dimmed by the transmittances of [Preetham99 App. A.1].
+//! space, dimmed by the transmittances of [Preetham99] App. A.1.
 
 use crate::tone::luminance;
 use glam::Vec3;
@@ -33,8 +33,8 @@ const EFFICACY: f32 = 0.683;
 /// matching curves.
 const WAVELENGTHS: [f64; 3] = [0.612, 0.549, 0.465];
 
-/// Absorption by ozone at those wavelengths, 1/cm of ozone [Preetham99 Table 2].
-const OZONE: [f64; 3] = [0.124, 0.085, 0.012];
+/// Absorption by ozone at those wavelengths, 1/cm of ozone [Preetham99] Table 2.
+const OZONE: [f64; 3] = [0.118, 0.084, 0.0075];
 
 /// Light from outside the scene.
 pub(crate) struct Dome {
@@ -248,7 +248,7 @@ fn invert(sums: &[f32], u: f32) -> (usize, f32) {
 }
 
 /// Irradiance of the sun on a plane that faces it, klx, as linear Rec. 709
-/// [Preetham99 App. A.1].
+/// [Preetham99] App. A.1.
 fn sun_irradiance(elevation: f64, turbidity: f64) -> [f64; 3] {
     let zenith_deg = 90.0 - elevation.to_degrees();
     // Relative optical mass of the air [KY89].
@@ -289,7 +289,7 @@ fn tabulate(sky: &crate::Sky, sun: Vec3) -> Vec<Vec3> {
     (0..WIDTH * HEIGHT).map(cell).collect()
 }
 
-/// The formula of [HW12 eq. 8 and 9], in `libm` so that it gives the same bits everywhere.
+/// The formula of [HW12] eq. 8 and 9, in `libm` so that it gives the same bits everywhere.
 fn hosek_wilkie(
     coefficients: &[f32; 27],
     radiances: &[f32; 3],
@@ -352,7 +352,7 @@ mod tests {
     #[test]
     fn sun_and_sky_stand_in_the_proportion_of_a_clear_day() {
         // On a clear day with the sun at 35° the sun gives 127.5 exp(-0.21 / sin 35°) klx where
-        // it is faced and the sky a fifth of the light on level ground [IESNA00, ch. 8].
+        // it is faced and the sky a fifth of the light on level ground [IESNA00] ch. 8.
         let dome = day();
         let sun = dome.sun.unwrap();
         let direct = luminance((sun.radiance * sun.solid_angle()).to_array()) * sun.direction.z;
@@ -363,7 +363,7 @@ mod tests {
 
     #[test]
     fn the_clear_sky_gives_the_illuminance_that_was_measured() {
-        // Clear sky without sun, on level ground: 0.8 + 15.5 √sin(elevation) klx [IESNA00, ch. 8].
+        // Clear sky without sun, on level ground: 0.8 + 15.5 √sin(elevation) klx [IESNA00] ch. 8.
         for degrees in [15.0f32, 30.0, 45.0, 60.0, 75.0] {
             let sky = crate::Sky {
                 sun_elevation_deg: degrees,

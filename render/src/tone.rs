@@ -1,6 +1,6 @@
 //! From radiance to a preview that looks like a photograph of the day.
 //!
-//! Exposure follows the log-average luminance of the picture [Reinhard02 §3.1]. The curve is a
+//! Exposure follows the log-average luminance of the picture [Reinhard02] §3.1. The curve is a
 //! rational fit of film's response [Hill15]. Applied to each channel it bleaches a blue sky to
 //! white, applied to luminance alone it leaves bright colours garish, so the two are mixed. Then
 //! comes the sRGB transfer function [IEC61966].

@@ -3,7 +3,7 @@
 //! The surface reflects and refracts by Fresnel's equations. Below it light is absorbed and
 //! scattered by a homogeneous medium, which gives depth its colour. Seen from the eye, light is
 //! refracted; on its way between the bed and sun or sky it crosses the surface in a straight
-//! line and is only attenuated [Deussen98 §6 does the same for shadow rays through leaves], since
+//! line and is only attenuated ([Deussen98] §6 treats shadow rays through leaves alike), since
 //! refracted connections to a light cannot be drawn.
 
 use glam::Vec3;
@@ -13,12 +13,12 @@ use weald_contract::Seed;
 const INDEX: f32 = 1.333;
 
 /// Extinction of pond water, 1/m: a white disc vanishes at about two metres, as in ponds rich in
-/// plankton [Kirk11, ch. 3].
+/// plankton [Kirk11] ch. 3.
 pub(crate) const EXTINCTION: f32 = 1.4;
 
 /// Part of the extinguished light that is scattered: green survives best between plankton's
 /// absorption of blue and water's own of red. Deep water then returns 1 to 3 % of the light, as
-/// natural waters do [Kirk11, ch. 6].
+/// natural waters do [Kirk11] ch. 6.
 pub(crate) const SCATTERING_ALBEDO: Vec3 = Vec3::new(0.15, 0.19, 0.10);
 
 /// Ripples that a light breeze makes: a sum of sine waves.

@@ -6,7 +6,7 @@ use glam::Vec3A;
 use rayon::join;
 
 /// Bins along each axis when the surface-area heuristic looks for a split; more gain nothing
-/// [Wald07 §3].
+/// [Wald07] §3.
 const BINS: usize = 16;
 
 /// Subtrees of at least this many items are built as parallel tasks.

@@ -116,6 +116,16 @@ fn a_flag_with_a_mistake_is_shown_as_the_flag() {
 }
 
 #[test]
+fn a_plant_of_impossible_age_or_vigor_is_refused() {
+    let tiny = Tiny::new();
+    for flag in ["--age NaN", "--age=-1", "--vigor 1.5"] {
+        refused(&tiny, &format!("plants aspen {flag} -o x.glb"), &["allowed: 0 to"]);
+    }
+    refused(&tiny, "plants meadow -o x.glb", &["is a patch of other plants", "grass"]);
+    assert!(!tiny.path("x.glb").exists());
+}
+
+#[test]
 fn absurd_sizes_are_refused_before_work() {
     let tiny = Tiny::new();
     refused(

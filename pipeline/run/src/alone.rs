@@ -157,6 +157,7 @@ pub fn plant(species: &str, wanted: Wanted, file: &Path) -> Result<Made> {
             format!("grow one of its members: {}", members.join(", ")),
         ));
     };
+    check_wanted(wanted)?;
     let size = &found.species.size;
     let height = size.height_at(wanted.age, wanted.vigor);
     let plant = Representative {
@@ -186,6 +187,17 @@ pub fn plant(species: &str, wanted: Wanted, file: &Path) -> Result<Made> {
         "instanced_triangles": model.instanced_triangles(),
     });
     Ok(Made { files: vec![file.to_path_buf(), preview], report })
+}
+
+/// Complains of an age or vigor that no plant has.
+fn check_wanted(wanted: Wanted) -> Result<()> {
+    let limits = [("--age", wanted.age, 10_000.0), ("--vigor", wanted.vigor, 1.0)];
+    match limits.into_iter().find(|(_, value, most)| !(0.0..=*most).contains(value)) {
+        Some((flag, value, most)) => {
+            Err(Error::plain(format!("{flag} is {value}"), format!("allowed: 0 to {most}")))
+        }
+        None => Ok(()),
+    }
 }
 
 /// Side of a single plant's portrait, pixels.

@@ -83,10 +83,10 @@ impl Progress for Shown {
             bar.finish_and_clear();
         }
         if self.is_terminal {
-            let bar = ProgressBar::new(total);
-            bar.set_style(style(unit));
-            bar.set_prefix(word);
-            bar.set_message(what.to_string());
+            let bar = ProgressBar::new(total)
+                .with_style(style(unit))
+                .with_prefix(word)
+                .with_message(what.to_string());
             bar.enable_steady_tick(Duration::from_millis(200));
             state.bar = Some(bar);
         } else if self.is_verbose {
@@ -108,7 +108,9 @@ impl Progress for Shown {
 /// A bar with its unit; templates of ours are right, so the fallback is never seen.
 fn style(unit: &str) -> ProgressStyle {
     let unit = unit.replace(['{', '}'], "");
-    let template = format!("{{prefix:<10}}{{msg:<28}} {{bar:24}} {{pos}}/{{len}} {unit} {{eta}}");
+    // The bar takes what room the terminal leaves, so that the line never wraps.
+    let template =
+        format!("{{prefix:<10}}{{msg:<20!}} {{wide_bar}} {{pos}}/{{len}} {unit} {{eta:>3}}");
     ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 

@@ -6,7 +6,7 @@ Usage: path_tracing.py --venv FOLDER [--weald PROGRAM] [--trees N ...] [--sample
 Installs numpy, mitsuba, rasterio, pyarrow and OpenEXR into FOLDER. N copies of one tree of 60,000
 triangles stand 5 m apart on level ground, lit by sun and sky; five scattering events. Both sides
 read the same mesh and the same instances. Mitsuba gets weald's own light, read off pictures that
-weald makes of the bare sky: an environment map, and the sun's irradiance from a view of its disc.
+weald makes: an environment map of the bare sky, and the sun's irradiance off open ground.
 Reflectances are the averages of weald's albedo channel, since weald varies them from plant to
 plant and over the ground.
 
@@ -36,7 +36,6 @@ SIZE = (320, 180)
 FOV = 60.0
 BOUNCES = 5
 SUN = (210.0, 40.0)  # azimuth, elevation
-SUN_RADIUS = math.radians(0.533 / 2)
 FACE = 256
 TOLERANCE = 0.04
 
@@ -185,12 +184,15 @@ class Scene:
         pq.write_table(pa.table(columns, schema=schema), path("instances.parquet"))
 
     def toml(self):
+        import numpy as np
+
+        middle = self.width / 2
         views = [("wood", self.eye, self.target, FOV)]
-        # A cube of pictures of the sky from above all trees, and one of the sun's disc.
+        # A cube of pictures of the sky from above all trees, and one down on open ground.
         above = self.eye + [0, 0, 60]
         for name, way in SKY_VIEWS.items():
             views.append((name, above, above + way, 90.0))
-        views.append(("sun", above, above + toward_sun() * 50, 1.0))
+        views.append(("ground", above, np.array([middle + 8, middle + 8, 0.0]), 10.0))
         text = ('seed = 1\n[terrain]\nsource = "level.tif"\n[render]\nview = "wood"\n'
                 f"resolution = [{SIZE[0]}, {SIZE[1]}]\nbounces = {BOUNCES}\n"
                 f"[sky]\nsun_azimuth_deg = {SUN[0]}\nsun_elevation_deg = {SUN[1]}\nhaze = 0\n")
@@ -199,10 +201,10 @@ class Scene:
                      f"look_at = [{to[0]}, {to[1]}]\nlook_height = {to[2]}\nfov_deg = {fov}\n")
         return text
 
-    def render(self, samples, view="wood", size=SIZE):
+    def render(self, samples, view="wood", size=SIZE, bounces=BOUNCES):
         out = os.path.join(self.folder, f"{view}.exr")
         times = run_weald(self.program, "render", self.folder, "--from", self.folder, "-o", out,
-                          "--set", f'render.view="{view}"', "--set", f"render.samples={samples}",
+                          "--set", f'render.view="{view}"', "--set", f"render.bounces={bounces}", "--set", f"render.samples={samples}",
                           "--set", f"render.resolution=[{size[0]}, {size[1]}]")
         return channels(out), *times
 
@@ -263,11 +265,22 @@ def sky_of(scene):
         at = lambda axis: np.clip((directions @ axis / np.maximum(depth, 1e-9) + 1) / 2 * FACE, 0, FACE - 1)
         seen = picture[(FACE - 1 - at(up)).round().astype(int), at(right).astype(int)]
         sky[nearer] = seen[nearer]
-    disc = colour(scene.render(4, "sun", (17, 17))[0])[8, 8]
-    beside = sky[is_sun].mean(0) if is_sun.any() else 0
-    irradiance = (disc - beside) * 2 * math.pi * (1 - math.cos(SUN_RADIUS))
     sky[zenith > math.pi / 2] = 0  # the ground covers the lower half
-    return sky, irradiance
+    return sky, sun_of(scene, sky, zenith)
+
+
+def sun_of(scene, sky, zenith):
+    """Irradiance of the sun across its rays, from what level open ground reflects in one bounce.
+
+    The disc itself is too bright for the half floats of a picture.
+    """
+    import numpy as np
+
+    picture = scene.render(32, "ground", (64, 64), bounces=1)[0]
+    from_both = math.pi * colour(picture).mean((0, 1)) / colour(picture, "albedo.").mean((0, 1))
+    solid_angle = (math.pi / len(zenith)) * (2 * math.pi / sky.shape[1]) * np.sin(zenith)
+    from_sky = (sky * (solid_angle * np.maximum(np.cos(zenith), 0))[:, None, None]).sum((0, 1))
+    return (from_both - from_sky) / toward_sun()[2]
 
 
 def mitsuba_scene(scene, sky, irradiance, albedo):
@@ -321,9 +334,9 @@ def compare(arguments, count):
     import mitsuba as mi
     import numpy as np
 
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as folder, tempfile.TemporaryDirectory() as open_folder:
         scene = Scene(folder, arguments.weald, count)
-        sky, irradiance = sky_of(scene)
+        sky, irradiance = sky_of(Scene(open_folder, arguments.weald, 1))
         few, many = 1, 1 + arguments.samples
         albedo = reflectances(scene.render(many)[0])
         theirs = mitsuba_scene(scene, sky, irradiance, albedo)
@@ -343,8 +356,7 @@ def compare(arguments, count):
         print(f"{name:<24}{cpu:>8.2f} CPU s{wall:>8.2f} wall s{paths / cpu:>10.4f} M samples a CPU second")
     print(f"weald / Mitsuba: {median['Mitsuba scalar_rgb'][1] / median['weald'][1]:.2f}")
     ours = colour(ours)
-    is_sky = (np.arange(SIZE[1]) >= 0)[:, None] & (picture.sum(-1) > 0)
-    ratio = ours[is_sky].mean(0) / picture[is_sky].mean(0)
+    ratio = ours.mean((0, 1)) / picture.mean((0, 1))
     print(f"means of the pictures, ours over theirs: {', '.join(f'{part:.4f}' for part in ratio)}\n")
     if arguments.keep:
         os.makedirs(arguments.keep, exist_ok=True)

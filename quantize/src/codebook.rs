@@ -1,8 +1,10 @@
 //! The code book of any table of numbers: centres, and the centre that stands for each row.
 
+use crate::condense::thinned;
 use crate::exact;
-use crate::refine::{Partition, lloyd, search};
+use crate::refine::{Partition, descend, descend_from, lloyd};
 use crate::samples::Samples;
+use crate::search::search;
 use crate::split::cut_tree;
 use crate::table::Table;
 
@@ -11,9 +13,11 @@ weald_contract::words! {
     pub enum Mode {
         /// Splitting alone, as [Wan88] and [Deussen98] do.
         Paper = "paper",
-        /// Splitting and three steps of Lloyd; exact when one number varies.
+        /// Splitting and three steps of Lloyd, of long tables mostly on a sample; exact when one
+        /// number varies.
         Fast = "fast",
-        /// Steps until they settle, and swaps that merge and split; exact when one number varies.
+        /// Steps until they settle, swaps that merge and split, and several starts where there
+        /// are few clusters; exact when one number varies.
         Best = "best",
     }
 }
@@ -21,6 +25,16 @@ weald_contract::words! {
 /// Lloyd's steps of [`Mode::Fast`]: three bring the error of splitting from 1.16-1.31 times the
 /// best known one to 1.03-1.07 times, at a fraction of the time of converging.
 const FAST_STEPS: usize = 3;
+
+/// Rows on which [`Mode::Fast`] splits; of longer tables a sample.
+///
+/// The means of `k` clusters in `d` columns, estimated from a sample of `m` rows, leave about
+/// `k d / m` more error than those of all rows: 0.2 % at 64 clusters of 4 columns, before the
+/// step of all rows that follows.
+const FAST_ROWS: usize = 1 << 17;
+
+/// Rows of the sample for each cluster, where clusters are many.
+const FAST_ROWS_A_CLUSTER: usize = 256;
 
 /// Clusters of a table's rows. No cluster is empty.
 #[derive(Clone, Debug, PartialEq)]
@@ -157,14 +171,31 @@ pub(crate) fn cluster_in_order(table: &Table, k: usize, mode: Mode) -> (Codebook
         let labels = exact::labels(table, column, k);
         return (Codebook::of_labels(table, &samples.order, labels), samples.order);
     }
-    let tree = cut_tree(&samples, k);
-    let start = Partition { k: tree.gains.len() + 1, labels: tree.labels };
     let partition = match mode {
-        Mode::Paper => start,
-        Mode::Fast => lloyd(&samples, start, FAST_STEPS),
-        Mode::Best => search(&samples, start),
+        Mode::Paper => split_samples(&samples, k),
+        Mode::Fast => fast(&samples, k),
+        Mode::Best => search(&samples, k),
     };
     (Codebook::of_samples(table, &samples, &partition.labels), samples.order)
+}
+
+/// Splitting alone.
+pub(crate) fn split_samples(samples: &Samples, k: usize) -> Partition {
+    let tree = cut_tree(samples, k);
+    Partition { k: tree.gains.len() + 1, labels: tree.labels }
+}
+
+/// Splitting and a few of Lloyd's steps; of a long table on a sample, with one step of all rows.
+fn fast(samples: &Samples, k: usize) -> Partition {
+    if let Some(sample) = thinned(samples, FAST_ROWS.max(k.saturating_mul(FAST_ROWS_A_CLUSTER))) {
+        let start = split_samples(&sample, k);
+        // With fewer clusters than asked for, the sample may lack rows that the table has.
+        if start.k == k {
+            let centres = descend(&sample, &start, FAST_STEPS).centres;
+            return descend_from(samples, centres, 1, 0.0).partition;
+        }
+    }
+    lloyd(samples, split_samples(samples, k), FAST_STEPS)
 }
 
 /// Splits the rows of a table into at most `k` clusters, without refinement [Wan88].

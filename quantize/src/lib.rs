@@ -16,6 +16,7 @@
 
 mod budget;
 mod codebook;
+mod condense;
 mod exact;
 mod features;
 mod groups;
@@ -23,6 +24,7 @@ mod palette;
 mod refine;
 mod report;
 mod samples;
+mod search;
 mod split;
 mod table;
 
@@ -36,7 +38,7 @@ pub use report::{Drift, Report, SpeciesReport};
 pub use table::{Table, TableError};
 
 /// Number of the algorithm: rises when equal input gives other bytes.
-pub const OUTPUT_VERSION: u32 = 1;
+pub const OUTPUT_VERSION: u32 = 2;
 
 weald_contract::words! {
     /// How much each plant counts when plants are grouped.

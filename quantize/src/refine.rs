@@ -1,12 +1,9 @@
-//! Improving a partition: Lloyd's steps, and swaps that merge two clusters and split a third.
+//! Improving a partition by Lloyd's steps.
 //!
 //! A step gives every sample to the nearest centre and moves every centre to the mean of its
-//! samples; neither can raise the distortion [Lloyd82]. Steps end in a local optimum, which
-//! swaps leave: where two clusters cost little to merge and a third gains more by a cut, their
-//! exchange lowers the distortion before the next steps begin.
+//! samples; neither can raise the distortion [Lloyd82].
 
 use crate::samples::{CHUNK, Samples};
-use crate::split::best_gain;
 use rayon::prelude::*;
 
 /// Clusters of samples.
@@ -72,28 +69,43 @@ pub(crate) fn lloyd(samples: &Samples, start: Partition, steps: usize) -> Partit
     if samples.dims == 0 || samples.len() == 0 {
         return start;
     }
-    descend(samples, start, steps).partition
+    descend(samples, &start, steps).partition
 }
 
 /// A partition with its centres and distortion.
 #[derive(Clone)]
-struct State {
-    partition: Partition,
-    centres: Vec<f32>,
-    distortion: f64,
+pub(crate) struct State {
+    pub partition: Partition,
+    /// Centre after centre.
+    pub centres: Vec<f32>,
+    /// Weighted sum of squared distances to the centres, in the units of [`Samples`].
+    pub distortion: f64,
 }
 
-fn descend(samples: &Samples, start: Partition, steps: usize) -> State {
-    let mut centres = means(samples, &start);
-    let (first, mut sums) = assign(samples, &centres, start.k);
+/// At most `steps` of Lloyd's steps from a partition, until one no longer helps.
+pub(crate) fn descend(samples: &Samples, start: &Partition, steps: usize) -> State {
+    descend_from(samples, means(samples, start), steps, 0.0)
+}
+
+/// At most `steps` of Lloyd's steps from centres, until one lowers the distortion by no more than
+/// `least_gain` of it.
+pub(crate) fn descend_from(
+    samples: &Samples,
+    mut centres: Vec<f32>,
+    steps: usize,
+    least_gain: f64,
+) -> State {
+    let k = centres.len() / samples.dims;
+    let (first, mut sums) = assign(samples, &centres, k);
     let mut state = State {
-        partition: Partition { labels: first, k: start.k },
+        partition: Partition { labels: first, k },
         centres: centres.clone(),
         distortion: sums.distortion,
     };
     for _ in 0..steps {
         sums.move_centres(&mut centres);
-        let (labels, next) = assign(samples, &centres, start.k);
+        let (labels, next) = assign(samples, &centres, k);
+        let is_last = next.distortion >= state.distortion * (1.0 - least_gain);
         if next.distortion >= state.distortion {
             break;
         }
@@ -101,6 +113,9 @@ fn descend(samples: &Samples, start: Partition, steps: usize) -> State {
         state.centres.copy_from_slice(&centres);
         state.distortion = next.distortion;
         sums = next;
+        if is_last {
+            break;
+        }
     }
     state
 }
@@ -270,125 +285,6 @@ impl Lanes {
     fn least(&self) -> f32 {
         self.best.iter().copied().fold(f32::INFINITY, |a, b| if b < a { b } else { a })
     }
-}
-
-/// Rounds of swaps at many clusters, where one round swaps several and more no longer pay.
-const ROUNDS: usize = 12;
-/// Rounds below [`FEW`] clusters: there a single swap matters, and many can be tried.
-const ROUNDS_OF_FEW: usize = 48;
-const FEW: usize = 64;
-/// Lloyd's steps in each round.
-const STEPS_PER_ROUND: usize = 8;
-/// Steps before the first and after the last round; most partitions settle sooner.
-const STEPS_TO_SETTLE: usize = 60;
-
-/// Searches on from a partition by rounds of swaps, keeping only what lowers the distortion.
-pub(crate) fn search(samples: &Samples, start: Partition) -> Partition {
-    if samples.dims == 0 || samples.len() == 0 {
-        return start;
-    }
-    let mut state = descend(samples, start, STEPS_TO_SETTLE);
-    let k = state.partition.k;
-    // A round may swap up to a quarter of the clusters at once; when that fails, fewer, and when
-    // a single one fails, the next best.
-    let (mut most, mut passed_over) = (k.div_ceil(4), 0);
-    for _ in 0..if k < FEW { ROUNDS_OF_FEW } else { ROUNDS } {
-        let swapped = swap(samples, &state, most, passed_over);
-        let next = swapped.map(|swapped| descend(samples, swapped, STEPS_PER_ROUND));
-        match next {
-            Some(next) if next.distortion < state.distortion => (state, passed_over) = (next, 0),
-            _ if most > 1 => most = most.div_ceil(4),
-            Some(_) => passed_over += 1,
-            None => break,
-        }
-    }
-    descend(samples, state.partition, STEPS_TO_SETTLE).partition
-}
-
-/// Merges cheap pairs and cuts costly clusters, at most `most` at once, each cluster in one role.
-///
-/// The cheapest `passed_over` merges are left out. `None` when there is nothing left to swap.
-fn swap(samples: &Samples, state: &State, most: usize, passed_over: usize) -> Option<Partition> {
-    let k = state.partition.k;
-    let members = members(&state.partition);
-    let cuts: Vec<Option<(usize, f32, f64)>> =
-        members.par_iter().map(|members| best_gain(samples, members)).collect();
-    let mut by_gain: Vec<usize> = (0..k).filter(|label| cuts[*label].is_some()).collect();
-    let gain = |label: usize| cuts[label].map_or(0.0, |(_, _, gain)| gain);
-    by_gain.sort_by(|a, b| gain(*b).total_cmp(&gain(*a)).then(a.cmp(b)));
-    let merges = cheapest_merges(samples, state);
-
-    let mut is_used = vec![false; k];
-    let mut labels = state.partition.labels.clone();
-    let mut count = 0;
-    let mut costly = by_gain.into_iter();
-    for Merge { cost, from, into } in merges.into_iter().skip(passed_over) {
-        if count == most || is_used[from] || is_used[into] {
-            continue;
-        }
-        let free = |label: &usize| !is_used[*label] && *label != from && *label != into;
-        let Some(cut_label) = costly.find(free) else { break };
-        let Some((dim, value, gain)) = cuts[cut_label] else { break };
-        // A single swap is tried even where its first effect is a loss: the steps that follow
-        // may turn it. Several at once would only add up.
-        if gain <= cost && most > 1 {
-            break;
-        }
-        members[from].iter().for_each(|sample| labels[*sample as usize] = into as u32);
-        for sample in &members[cut_label] {
-            if samples.row(*sample as usize)[dim] > value {
-                labels[*sample as usize] = from as u32;
-            }
-        }
-        for label in [from, into, cut_label] {
-            is_used[label] = true;
-        }
-        count += 1;
-    }
-    (count > 0).then_some(Partition { labels, k })
-}
-
-/// Samples of each cluster.
-fn members(partition: &Partition) -> Vec<Vec<u32>> {
-    let mut members = vec![Vec::new(); partition.k];
-    for (sample, label) in partition.labels.iter().enumerate() {
-        members[*label as usize].push(sample as u32);
-    }
-    members
-}
-
-/// What it costs to give the samples of one cluster to another.
-struct Merge {
-    cost: f64,
-    from: usize,
-    into: usize,
-}
-
-/// For each cluster its cheapest merge, cheapest first: `w0 w1 / (w0 + w1) |c0 - c1|²` [Ward63].
-fn cheapest_merges(samples: &Samples, state: &State) -> Vec<Merge> {
-    let (dims, k) = (samples.dims, state.partition.k);
-    let mut weights = vec![0.0; k];
-    for (label, weight) in state.partition.labels.iter().zip(&samples.weights) {
-        weights[*label as usize] += f64::from(*weight);
-    }
-    let centre = |label: usize| &state.centres[label * dims..][..dims];
-    let cost = |a: usize, b: usize| {
-        let total = weights[a] + weights[b];
-        let apart = centre(a).iter().zip(centre(b)).map(|(a, b)| f64::from(a - b).powi(2));
-        if total > 0.0 { weights[a] * weights[b] / total * apart.sum::<f64>() } else { 0.0 }
-    };
-    let cheapest = |from: usize| {
-        let merges = (0..k).filter(|into| *into != from);
-        merges
-            .map(|into| Merge { cost: cost(from, into), from, into })
-            .min_by(|a, b| a.cost.total_cmp(&b.cost))
-    };
-    let mut merges: Vec<Merge> = (0..k).into_par_iter().filter_map(cheapest).collect();
-    let pair = |merge: &Merge| [merge.from.min(merge.into), merge.from.max(merge.into)];
-    merges.sort_by(|a, b| a.cost.total_cmp(&b.cost).then_with(|| pair(a).cmp(&pair(b))));
-    // Two clusters that are each other's cheapest are one merge.
-    merges.dedup_by_key(|merge| pair(merge));
-    merges
 }
 
 #[cfg(test)]

@@ -52,9 +52,9 @@ fn irises_are_clustered_as_well_as_others_do() {
         let paper = sse(&iris, &cluster(&iris, k, Mode::Paper));
         let best = sse(&iris, &cluster(&iris, k, Mode::Best));
         assert!((paper / by_splitting - 1.0).abs() < 0.01, "k {k}: splitting left {paper}");
-        assert!(best >= best_known * (1.0 - 1e-6), "k {k}: better than the best known? {best}");
-        eprintln!("irises in {k} clusters: splitting left {paper:.5}, best mode {best:.5}");
-        assert!(best <= best_known * 1.03, "k {k}: best mode left {best}");
+        // At 15 clusters best mode finds 18.4330, below what 100 starts had found.
+        let found = best / best_known;
+        assert!((0.98..1.0 + 1e-6).contains(&found), "k {k}: best mode left {best}");
     }
 }
 
@@ -111,6 +111,29 @@ fn refinement_never_raises_the_distortion_and_best_is_no_worse_than_fast() {
         }
         let of = |mode| cluster(&table, k, mode).distortion(&table);
         assert!(of(Mode::Fast) <= of(Mode::Paper) && of(Mode::Best) <= of(Mode::Fast));
+    }
+}
+
+#[test]
+fn long_tables_are_searched_as_well_in_short() {
+    // Long enough that fast mode thins and best mode condenses them.
+    let table = mixture(300_000, 2);
+    let of = |mode| cluster(&table, 24, mode).distortion(&table);
+    let slow = refine(&table, &split(&table, 24), 3).distortion(&table);
+    let (fast, best) = (of(Mode::Fast), of(Mode::Best));
+    assert!(fast < slow * 1.01, "fast mode left {fast}, all rows {slow}");
+    assert!(best < fast, "best mode left {best}, fast mode {fast}");
+}
+
+#[test]
+fn long_tables_of_few_distinct_rows_keep_them_all() {
+    // 20 rows of little weight that a sample may well miss.
+    let mut values = vec![0.0; 600_000];
+    values[..40].copy_from_slice(&(0..40).map(f64::from).collect::<Vec<_>>());
+    let table = Table::new(values, 2, vec![1.0; 300_000]).unwrap();
+    for mode in [Mode::Fast, Mode::Best] {
+        let book = cluster(&table, 21, mode);
+        assert_eq!((book.len(), book.distortion(&table)), (21, 0.0));
     }
 }
 
@@ -189,12 +212,14 @@ fn every_centre_is_the_mean_of_its_rows() {
 
 #[test]
 fn one_thread_and_two_give_the_same_bits() {
-    let table = mixture(60_000, 4);
-    let on = |threads| {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-        pool.install(|| cluster(&table, 24, Mode::Fast))
-    };
-    assert_eq!(on(1), on(2));
+    for (rows, mode) in [(60_000, Mode::Fast), (300_000, Mode::Fast), (60_000, Mode::Best)] {
+        let table = mixture(rows, 4);
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| cluster(&table, 24, mode))
+        };
+        assert_eq!(on(1), on(2));
+    }
 }
 
 proptest! {

@@ -1,0 +1,131 @@
+//! Fewer samples that stand for many, so that a search need not look at all of them.
+//!
+//! Long tables are thinned to a weighted sample, in which the weighted sum over any set of rows
+//! is kept on average; or condensed into the means of many small cells, in which the clusters of
+//! a search differ from those of all rows by less than the cells are wide [HarPeled04].
+
+use crate::samples::Samples;
+use crate::split::cut_tree;
+
+/// About `most` samples drawn from many, or `None` when there are less than twice as many.
+///
+/// Half of the chance is shared out by weight, half alike: heavy samples are never missed, nor
+/// are regions of light ones. The draw is systematic, at equal steps of summed chance in the
+/// samples' own order; it needs no random numbers, and is even along the first axis.
+pub(crate) fn thinned(samples: &Samples, most: usize) -> Option<Samples> {
+    let count = samples.len();
+    if most == 0 || count / 2 < most {
+        return None;
+    }
+    let total: f64 = samples.weights.iter().map(|weight| f64::from(*weight)).sum();
+    let mut thin = Samples {
+        order: Vec::with_capacity(most),
+        rows: Vec::with_capacity(most * samples.dims),
+        dims: samples.dims,
+        weights: Vec::with_capacity(most),
+        unit: samples.unit,
+    };
+    let mut passed = 0.0;
+    for (index, weight) in samples.weights.iter().enumerate() {
+        let weight = f64::from(*weight);
+        let by_weight = if total > 0.0 { weight / total } else { 1.0 / count as f64 };
+        let expected = 0.5 * (by_weight + 1.0 / count as f64) * most as f64;
+        let draws = (passed + expected + 0.5).floor() - (passed + 0.5).floor();
+        passed += expected;
+        if draws > 0.0 {
+            thin.order.push(index as u32);
+            thin.rows.extend_from_slice(samples.row(index));
+            thin.weights.push((weight * draws / expected) as f32);
+        }
+    }
+    Some(thin)
+}
+
+/// Weighted means of `cells` small cells, or `None` when there are less than twice as many
+/// samples. Cells come from splitting, so that they are small where weight is dense.
+pub(crate) fn condensed(samples: &Samples, cells: usize) -> Option<Samples> {
+    if cells == 0 || samples.len() / 2 < cells || samples.dims == 0 {
+        return None;
+    }
+    let tree = cut_tree(samples, cells);
+    let (dims, count) = (samples.dims, tree.gains.len() + 1);
+    let mut weights = vec![0.0; count];
+    let mut sums = vec![0.0; count * dims];
+    for (sample, label) in tree.labels.iter().enumerate() {
+        let (label, weight) = (*label as usize, f64::from(samples.weights[sample]));
+        weights[label] += weight;
+        let sums = &mut sums[label * dims..][..dims];
+        sums.iter_mut().zip(samples.row(sample)).for_each(|(s, x)| *s += weight * f64::from(*x));
+    }
+    // Splitting leaves weight on both sides of every cut, so no cell lacks it.
+    let mean = |(at, sum): (usize, &f64)| (sum / weights[at / dims]) as f32;
+    let rows: Vec<f32> = sums.iter().enumerate().map(mean).collect();
+    let is_whole = weights.iter().all(|weight| *weight > 0.0);
+    is_whole.then(|| Samples {
+        order: (0..count as u32).collect(),
+        rows,
+        dims,
+        weights: weights.into_iter().map(|weight| weight as f32).collect(),
+        unit: samples.unit,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::table::Table;
+    use weald_contract::Seed;
+
+    fn samples(rows: usize) -> Samples {
+        let mut random = Seed(4).stream("rows", 0);
+        let values = (0..rows * 2).map(|_| random.normal()).collect();
+        let weights = (0..rows).map(|_| random.unit().max(0.01).powi(-2)).collect();
+        Samples::of(&Table::new(values, 2, weights).unwrap())
+    }
+
+    fn weight_and_mean(samples: &Samples) -> [f64; 2] {
+        let sum = |value: &dyn Fn(usize) -> f64| (0..samples.len()).map(value).sum::<f64>();
+        let weight = sum(&|i| f64::from(samples.weights[i]));
+        [weight, sum(&|i| f64::from(samples.weights[i] * samples.row(i)[0])) / weight]
+    }
+
+    #[test]
+    fn a_sample_keeps_weight_and_mean() {
+        let all = samples(40_000);
+        let [weight, mean] = weight_and_mean(&all);
+        let thin = thinned(&all, 4000).unwrap();
+        assert!((2000..=4000).contains(&thin.len()));
+        let [thin_weight, thin_mean] = weight_and_mean(&thin);
+        assert!((thin_weight / weight - 1.0).abs() < 0.02, "{thin_weight} of {weight}");
+        assert!((thin_mean - mean).abs() < 0.01, "{thin_mean} for {mean}");
+    }
+
+    #[test]
+    fn a_row_that_weighs_nearly_all_is_drawn() {
+        let mut weights = vec![1e-9; 5000];
+        weights[1234] = 1.0;
+        let values = (0..5000).map(f64::from).collect();
+        let all = Samples::of(&Table::new(values, 1, weights).unwrap());
+        let thin = thinned(&all, 100).unwrap();
+        let heavy = thin.weights.iter().position(|weight| *weight > 0.5).unwrap();
+        assert_eq!(thin.order[heavy], 1234);
+        assert!((thin.weights[heavy] - 1.0).abs() < 0.05);
+    }
+
+    #[test]
+    fn cells_keep_weight_and_mean_to_rounding() {
+        let all = samples(10_000);
+        let cells = condensed(&all, 500).unwrap();
+        assert_eq!(cells.len(), 500);
+        let ([weight, mean], [cell_weight, cell_mean]) =
+            (weight_and_mean(&all), weight_and_mean(&cells));
+        assert!((cell_weight / weight - 1.0).abs() < 1e-5 && (cell_mean - mean).abs() < 1e-5);
+    }
+
+    #[test]
+    fn few_samples_stay_as_they_are() {
+        let all = samples(100);
+        assert!(thinned(&all, 51).is_none() && condensed(&all, 51).is_none());
+        assert!(thinned(&all, 0).is_none() && condensed(&all, 0).is_none());
+    }
+}

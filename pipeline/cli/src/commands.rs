@@ -139,8 +139,9 @@ fn one_stage(global: &Global, make: impl FnOnce(&Shown) -> Result<Made>) -> Resu
     let shown = Shown::new(global);
     let made = make(&shown)?;
     drop(shown);
-    if !global.quiet && !in_words(&made.report).is_empty() {
+    if !global.quiet {
         eprintln!("{}", in_words(&made.report));
+        eprint!("{}", made.words);
     }
     tell_files(&made.files, made.report, global);
     Ok(ExitCode::SUCCESS)

@@ -252,6 +252,8 @@ fn a_new_scene_has_nothing_wrong_and_is_not_overwritten() {
     let tiny = Tiny::new();
     tiny.done("new fresh");
     assert!(tiny.done("check fresh").out.contains("nothing wrong"));
+    tiny.done("run fresh -o new --set render.resolution=[32,18] --set render.samples=1");
+    assert!(tiny.path("new/image.png").is_file());
     assert_eq!(tiny.weald("new fresh").code, 2);
     tiny.done("new placed --elevation scene/inputs/ground.asc");
     tiny.done("check placed");

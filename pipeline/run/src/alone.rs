@@ -186,7 +186,7 @@ pub fn plant(species: &str, wanted: Wanted, file: &Path) -> Result<Made> {
         "triangles": model.unique_triangles(),
         "instanced_triangles": model.instanced_triangles(),
     });
-    Ok(Made { files: vec![file.to_path_buf(), preview], report })
+    Ok(Made { files: vec![file.to_path_buf(), preview], report, ..Made::default() })
 }
 
 /// Complains of an age or vigor that no plant has.

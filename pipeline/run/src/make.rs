@@ -34,6 +34,8 @@ pub struct Made {
     pub files: Vec<PathBuf>,
     /// Numbers worth knowing.
     pub report: Json,
+    /// A report for people, where numbers alone say too little; may be empty.
+    pub words: String,
 }
 
 impl Made {

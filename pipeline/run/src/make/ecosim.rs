@@ -55,7 +55,7 @@ pub fn ecosim(
     )
     .map_err(stage_error!(&scene.sources, stage, weald_ecosim))?;
 
-    let mut made = Made { files: Vec::new(), report: population_report(&outcome.population) };
+    let mut made = Made { report: population_report(&outcome.population), ..Made::default() };
     made.report["deaths"] = json!(outcome.deaths.len());
     make_folder_of(&paths.population)?;
     weald_formats::write_population(&paths.population, &outcome.population, &provenance)?;

@@ -82,7 +82,7 @@ impl Growing<'_> {
         let report = json!({
             "models": grown.len(), "triangles": unique, "instanced_triangles": instanced,
         });
-        let mut made = Made { files, report };
+        let mut made = Made { files, report, ..Made::default() };
         let sheet: Vec<_> = grown.iter().map(|(name, model)| (name.clone(), model)).collect();
         let sheet = preview::contact_sheet(&sheet, SHEET_CELL);
         made.preview(&folder.with_extension("png"), &sheet, &provenance)?;

@@ -60,7 +60,8 @@ impl Quantizing<'_> {
                 .map_err(stage_error!(self.sources, Stage::Quantize, weald_quantize))?;
         make_folder(folder)?;
         let report = json!(quantized.report);
-        let mut made = Made { files: Vec::new(), report: quantize_report(&quantized) };
+        let words = quantized.report.to_string();
+        let mut made = Made { report: quantize_report(&quantized), words, ..Made::default() };
         let palette = folder.join("palette.toml");
         weald_formats::write_palette(&palette, &quantized.palette, &provenance)?;
         made.wrote(&palette)?;

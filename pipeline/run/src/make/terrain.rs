@@ -36,7 +36,11 @@ pub fn terrain(
 
     make_folder(folder)?;
     weald_formats::write_terrain(folder, &layers, provenance)?;
-    let mut made = Made { files: terrain_files(folder, &layers), report: terrain_report(&layers) };
+    let mut made = Made {
+        files: terrain_files(folder, &layers),
+        report: terrain_report(&layers),
+        ..Made::default()
+    };
     made.preview(&folder.with_extension("png"), &preview::draw_relief(&layers), provenance)?;
     Ok(made)
 }

@@ -1,10 +1,10 @@
 //! What surfaces do with light.
 //!
 //! A surface scatters diffusely to the side the light came from, and a leaf also to the other
-//! side; a smooth one has a thin glossy coat of microfacets [Walter07] with the Fresnel
-//! reflectance of cuticle (0.04 at normal incidence [Woolley71]) above that. What the coat
+//! side; a smooth one has a thin glossy [`Coat`] above that, on both sides. What the coat
 //! reflects does not reach the leaf below.
 
+use crate::coat::Coat;
 use crate::tone::luminance;
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
@@ -16,7 +16,7 @@ pub(crate) struct Material {
     pub reflectance: Vec3,
     /// Diffuse transmittance; zero for what is opaque.
     pub transmittance: Vec3,
-    /// Roughness of the coat; from [`MATT`] on there is none.
+    /// Roughness of the coat; from 0.95 on there is none.
     pub roughness: f32,
     /// Largest part of the light that is lost or gained at random from leaf to leaf.
     pub variation: f32,
@@ -26,19 +26,15 @@ pub(crate) struct Material {
     pub species: u32,
 }
 
-/// Roughness from which on a surface has no coat to speak of.
-const MATT: f32 = 0.95;
-
-/// Fresnel reflectance of the coat at normal incidence.
-const COAT: f32 = 0.04;
+/// Least cosine between the viewer and the shading normal.
+const LEAST_COSINE: f32 = 0.002;
 
 /// A surface at a point, turned towards the viewer.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Bsdf {
     pub reflectance: Vec3,
     transmittance: Vec3,
-    /// Microfacet roughness, or 0 without a coat.
-    alpha: f32,
+    coat: Option<Coat>,
     /// Unit shading normal on the viewer's side.
     pub normal: Vec3,
     /// Unit geometric normal on the viewer's side.
@@ -70,18 +66,14 @@ impl Bsdf {
         let geometric = if geometric.dot(view) < 0.0 { -geometric } else { geometric };
         let mut normal = if shading.dot(geometric) < 0.0 { -shading } else { shading };
         // A normal that leans away from the viewer would make the near side black.
-        if normal.dot(view) < 0.02 {
-            normal = (normal + (0.02 - normal.dot(view)) * view).normalize_or(geometric);
+        let lacks = LEAST_COSINE - normal.dot(view);
+        if lacks > 0.0 {
+            normal = (normal + lacks * view).normalize_or(geometric);
         }
-        let alpha = if material.roughness < MATT {
-            (material.roughness * material.roughness).max(0.01)
-        } else {
-            0.0
-        };
         Self {
             reflectance: material.reflectance,
             transmittance: material.transmittance,
-            alpha,
+            coat: Coat::new(material.roughness),
             normal,
             geometric,
         }
@@ -89,7 +81,7 @@ impl Bsdf {
 
     /// Probabilities of drawing the coat, reflection and transmission.
     fn choices(&self, view: Vec3) -> [f32; 3] {
-        let coat = self.coat_albedo(self.normal.dot(view));
+        let coat = self.coat.map_or(0.0, |coat| coat.albedo(self.normal.dot(view)));
         let below = 1.0 - coat;
         let weights = [
             coat,
@@ -98,21 +90,6 @@ impl Bsdf {
         ];
         let total: f32 = weights.iter().sum();
         if total > 0.0 { weights.map(|weight| weight / total) } else { [0.0, 1.0, 0.0] }
-    }
-
-    /// Part of the light that passes the coat both ways.
-    fn passes_coat(&self, cos_view: f32, cos_light: f32) -> f32 {
-        (1.0 - self.coat_albedo(cos_view)) * (1.0 - self.coat_albedo(cos_light))
-    }
-
-    /// Part of the light that the coat reflects, about: Schlick's form with a grazing end that
-    /// falls with roughness [Lagarde11], since rough facets never all stand at a grazing angle.
-    fn coat_albedo(&self, cos: f32) -> f32 {
-        if self.alpha == 0.0 {
-            return 0.0;
-        }
-        let grazing = (1.0 - self.alpha.sqrt()).max(COAT);
-        COAT + (grazing - COAT) * fifth_power((1.0 - cos).clamp(0.0, 1.0))
     }
 
     /// Light from `light` to `view`, both unit vectors away from the surface.
@@ -125,17 +102,17 @@ impl Bsdf {
         }
         let [coat_chance, reflect_chance, transmit_chance] = self.choices(view);
         let density = cos_light.abs() / PI;
-        let passes = self.passes_coat(cos_view, cos_light.abs());
+        let passes = self.coat.map_or(1.0, |coat| coat.passes(cos_view, cos_light.abs()));
         if cos_light < 0.0 {
             let value = self.transmittance * (passes * density);
             return Scatter { value, pdf: transmit_chance * density };
         }
         let mut value = self.reflectance * (passes * density);
         let mut pdf = reflect_chance * density;
-        if coat_chance > 0.0 {
-            let coat = self.coat(view, light);
-            value += coat.value;
-            pdf += coat_chance * coat.pdf;
+        if let Some(coat) = &self.coat {
+            let lobe = coat.evaluate(self.normal, view, light);
+            value += lobe.value;
+            pdf += coat_chance * lobe.pdf;
         }
         Scatter { value, pdf }
     }
@@ -143,8 +120,9 @@ impl Bsdf {
     /// Draws a direction from three uniform numbers.
     pub fn sample(&self, view: Vec3, u: [f32; 3]) -> Option<BsdfSample> {
         let [coat_chance, reflect_chance, _] = self.choices(view);
-        let direction = if u[2] < coat_chance {
-            let half = self.visible_facet(view, [u[0], u[1]]);
+        let facet = self.coat.filter(|_| u[2] < coat_chance);
+        let direction = if let Some(coat) = facet {
+            let half = coat.visible_facet(self.normal, view, [u[0], u[1]]);
             2.0 * view.dot(half) * half - view
         } else {
             let up = cosine_direction(self.normal, [u[0], u[1]]);
@@ -157,44 +135,6 @@ impl Bsdf {
         let Scatter { value, pdf } = self.evaluate(view, direction);
         (pdf > 0.0).then(|| BsdfSample { direction, weight: value / pdf, pdf })
     }
-
-    /// The coat: GGX facets with height-correlated shadowing [Heitz14] eq. 99.
-    fn coat(&self, view: Vec3, light: Vec3) -> Scatter {
-        let half = (view + light).normalize_or(self.normal);
-        let (cos_view, cos_light) = (self.normal.dot(view), self.normal.dot(light));
-        let cos_half = self.normal.dot(half);
-        let a2 = self.alpha * self.alpha;
-        let d = cos_half * cos_half * (a2 - 1.0) + 1.0;
-        let facets = a2 / (PI * d * d);
-        let reach = |cos: f32| (a2 + (1.0 - a2) * cos * cos).sqrt();
-        let visible = 0.5 / (cos_light * reach(cos_view) + cos_view * reach(cos_light));
-        let value = fresnel(view.dot(half)) * facets * visible * cos_light;
-        // Density of visible facets over that of reflected directions [Heitz18] eq. 17.
-        let masked = 2.0 / (1.0 + reach(cos_view) / cos_view);
-        Scatter { value: Vec3::splat(value), pdf: masked * facets / (4.0 * cos_view) }
-    }
-
-    /// Draws a facet as the viewer sees them, by a spherical cap [DB23].
-    fn visible_facet(&self, view: Vec3, u: [f32; 2]) -> Vec3 {
-        let (x, y) = self.normal.any_orthonormal_pair();
-        let local = Vec3::new(view.dot(x), view.dot(y), view.dot(self.normal));
-        let stretched = Vec3::new(local.x * self.alpha, local.y * self.alpha, local.z).normalize();
-        let (sin, cos) = libm::sincosf(TAU * u[0]);
-        let z = (1.0 - u[1]) * (1.0 + stretched.z) - stretched.z;
-        let across = (1.0 - z * z).clamp(0.0, 1.0).sqrt();
-        let half = Vec3::new(across * cos, across * sin, z) + stretched;
-        let half = Vec3::new(half.x * self.alpha, half.y * self.alpha, half.z).normalize();
-        half.x * x + half.y * y + half.z * self.normal
-    }
-}
-
-/// Fresnel reflectance of the coat, in Schlick's form [Schlick94].
-fn fresnel(cos: f32) -> f32 {
-    COAT + (1.0 - COAT) * fifth_power((1.0 - cos).clamp(0.0, 1.0))
-}
-
-fn fifth_power(x: f32) -> f32 {
-    (x * x) * (x * x) * x
 }
 
 /// A direction around `normal` with a density of cosine over π.
@@ -220,6 +160,10 @@ mod tests {
     use weald_contract::{Seed, seed::Stream};
 
     fn leaf(reflectance: f32, transmittance: f32, roughness: f32) -> Bsdf {
+        seen_from(Vec3::Z, reflectance, transmittance, roughness)
+    }
+
+    fn seen_from(view: Vec3, reflectance: f32, transmittance: f32, roughness: f32) -> Bsdf {
         let material = Material {
             reflectance: Vec3::splat(reflectance),
             transmittance: Vec3::splat(transmittance),
@@ -228,7 +172,7 @@ mod tests {
             is_ground: false,
             species: 0,
         };
-        Bsdf::new(&material, Vec3::Z, Vec3::Z, Vec3::Z)
+        Bsdf::new(&material, Vec3::Z, Vec3::Z, view)
     }
 
     fn numbers(chance: &mut Stream) -> [f32; 3] {
@@ -256,28 +200,45 @@ mod tests {
     }
 
     #[test]
-    fn no_coat_makes_light() {
-        for roughness in [0.05, 0.3, 0.6, 0.9] {
-            for degrees in [0.0, 45.0, 80.0, 88.0] {
-                let got = albedo(&leaf(0.6, 0.4, roughness), view_at(degrees));
-                assert!(got <= 1.005, "{roughness} at {degrees}° gave {got}");
-                // Facets that send light into each other lose it: much of it at grazing views.
-                let least = if degrees > 60.0 { 0.5 } else { 0.8 };
-                assert!(got > least, "{roughness} at {degrees}° kept only {got}");
+    fn a_coated_leaf_that_absorbs_nothing_returns_all_light_at_every_angle() {
+        for roughness in [0.05, 0.17, 0.3, 0.45, 0.6, 0.75, 0.9] {
+            for degrees in [0.0, 20.0, 45.0, 60.0, 70.0, 80.0, 85.0, 88.0, 89.5] {
+                for (reflectance, transmittance) in [(0.6, 0.4), (1.0, 0.0)] {
+                    let view = view_at(degrees);
+                    let got = albedo(&seen_from(view, reflectance, transmittance, roughness), view);
+                    assert!((got - 1.0).abs() < 0.01, "{roughness} at {degrees}° returns {got}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_coat_hides_what_absorbs_below_it_but_never_makes_light() {
+        for roughness in [0.1, 0.5, 0.9] {
+            let mut last = 0.0;
+            for degrees in [0.0, 60.0, 75.0, 85.0] {
+                let view = view_at(degrees);
+                let got = albedo(&seen_from(view, 0.1, 0.1, roughness), view);
+                assert!(got > last - 0.01 && got < 1.0, "{roughness} at {degrees}°: {got}");
+                last = got;
             }
         }
     }
 
     #[test]
     fn light_runs_the_same_way_backwards() {
-        let bsdf = leaf(0.3, 0.2, 0.4);
         let mut chance = Seed(2).stream("reciprocity", 0);
-        for _ in 0..1000 {
-            let view = cosine_direction(Vec3::Z, [chance.unit() as f32, chance.unit() as f32]);
-            let light = cosine_direction(Vec3::Z, [chance.unit() as f32, chance.unit() as f32]);
+        for number in 0..3000 {
+            let bsdf = leaf(0.3, 0.2, [0.12, 0.4, 0.85, 1.0][number % 4]);
+            let mut up = || cosine_direction(Vec3::Z, [0; 2].map(|_| chance.unit() as f32));
+            let (view, light) = (up(), up());
             let there = bsdf.evaluate(view, light).value.x / light.z;
             let back = bsdf.evaluate(light, view).value.x / view.z;
-            assert!((there - back).abs() < 1e-3 * there.max(1.0), "{there} {back}");
+            assert!((there - back).abs() < 2e-3 * there.max(1.0), "{there} {back}");
+            // Through the leaf, the viewer stands on the other side on the way back.
+            let there = bsdf.evaluate(view, -light).value.x / light.z;
+            let back = bsdf.evaluate(light, -view).value.x / view.z;
+            assert!((there - back).abs() < 1e-4 && there > 0.0, "{there} {back}");
         }
     }
 
@@ -321,10 +282,5 @@ mod tests {
             let limit = f64::from(freedom) + 5.0 * (2.0 * f64::from(freedom)).sqrt();
             assert!(chi < limit, "χ² {chi} of {freedom} cells");
         }
-    }
-
-    #[test]
-    fn schlick_gives_the_coat_at_normal_and_one_at_grazing_incidence() {
-        assert_eq!((fresnel(1.0), fresnel(0.0)), (COAT, 1.0));
     }
 }

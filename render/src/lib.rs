@@ -13,6 +13,7 @@
 mod accel;
 mod bsdf;
 mod camera;
+mod coat;
 mod config;
 mod film;
 mod ground;
@@ -34,7 +35,7 @@ pub use tone::tone_map;
 use weald_contract::Problem;
 
 /// Changes whenever the same input would give other bytes than before.
-pub const OUTPUT_VERSION: u32 = 2;
+pub const OUTPUT_VERSION: u32 = 3;
 
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]

@@ -73,6 +73,19 @@ pub enum Error {
         /// The id.
         prototype: u32,
     },
+    /// Two things of the palette have the same id.
+    #[error(
+        "the palette gives id {id} to both {first} and {second}; ids of representatives and \
+         groups are one series, from 1 on"
+    )]
+    SharedId {
+        /// The id.
+        id: u32,
+        /// What has it first.
+        first: String,
+        /// What has it again.
+        second: String,
+    },
     /// An instance stands nowhere, or has no size.
     #[error("row {row} of the instances is damaged: {why}")]
     BadInstance {

@@ -120,6 +120,7 @@ impl Scene {
     /// # Errors
     /// A damaged model, instance or terrain, a prototype that cannot be had, or a wish to stop.
     pub fn build(parts: &Parts<'_>, sky: &Sky, progress: &dyn Progress) -> Result<Scene, Error> {
+        check_ids(parts.palette)?;
         let origin = ground::origin(parts.terrain)?;
         let ground = ground::build(parts.terrain, origin)?;
         let mut assembly = Assembly::new(origin);
@@ -201,6 +202,19 @@ fn rows_by_group(instances: &Instances) -> BTreeMap<u32, Vec<usize>> {
         rows.entry(group).or_default().push(row);
     }
     rows
+}
+
+/// Refuses palettes in which an id could mean two things, or the scene itself.
+fn check_ids(palette: &Palette) -> Result<(), Error> {
+    let plants = palette.representatives.iter().map(|p| (p.id, format!("a {}", p.species)));
+    let groups = palette.groups.iter().map(|g| (g.id, format!("a group of {}", g.species)));
+    let mut known = BTreeMap::from([(0, "the scene".to_string())]);
+    for (id, second) in plants.chain(groups) {
+        if let Some(first) = known.insert(id, second.clone()) {
+            return Err(Error::SharedId { id, first, second });
+        }
+    }
+    Ok(())
 }
 
 /// Altitude and water of a terrain and its patches.
@@ -731,6 +745,18 @@ mod tests {
         ));
         let circle = [row(0, 2), row(2, 3), row(3, 2)];
         assert!(matches!(error(plant(), &circle), Error::Nesting { .. }));
+    }
+
+    #[test]
+    fn an_id_that_means_two_things_is_refused() {
+        assert!(check_ids(&palette()).is_ok());
+        let mut shared = palette();
+        shared.groups[1].id = 1;
+        let message = check_ids(&shared).unwrap_err().to_string();
+        assert!(message.contains("id 1 to both a stick and a group of stick"), "{message}");
+        let mut zero = palette();
+        zero.representatives[0].id = 0;
+        assert!(check_ids(&zero).unwrap_err().to_string().contains("the scene"));
     }
 
     #[test]

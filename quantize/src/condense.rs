@@ -7,17 +7,51 @@
 use crate::samples::Samples;
 use crate::split::cut_tree;
 
-/// About `most` samples drawn from many, or `None` when there are less than twice as many.
+/// A systematic draw of about `most` rows, one after the other.
 ///
-/// Half of the chance is shared out by weight, half alike: heavy samples are never missed, nor
-/// are regions of light ones. The draw is systematic, at equal steps of summed chance in the
-/// samples' own order; it needs no random numbers, and is even along the first axis.
+/// Half of the chance is shared out by weight, half alike: heavy rows are never missed, nor are
+/// regions of light ones. Rows are drawn at equal steps of summed chance; that needs no random
+/// numbers, and is even along the order in which they come.
+pub(crate) struct Draw {
+    /// Draws expected for each row, and for each unit of its weight.
+    each: f64,
+    by_weight: f64,
+    /// Draws expected of the rows that went by.
+    passed: f64,
+}
+
+impl Draw {
+    /// A draw from `rows` rows that weigh `weight` together.
+    pub fn new(rows: u64, weight: f64, most: usize) -> Self {
+        let alike = most as f64 / rows.max(1) as f64;
+        match weight > 0.0 {
+            true => Self { each: alike / 2.0, by_weight: most as f64 / 2.0 / weight, passed: 0.0 },
+            false => Self { each: alike, by_weight: 0.0, passed: 0.0 },
+        }
+    }
+
+    /// Passes by rows that others look at.
+    pub fn skip(&mut self, rows: u64, weight: f64) {
+        self.passed += self.each * rows as f64 + self.by_weight * weight;
+    }
+
+    /// What the next row, of this weight, weighs in the sample; `None` when it is not drawn.
+    pub fn weight_of(&mut self, weight: f64) -> Option<f64> {
+        let expected = self.each + self.by_weight * weight;
+        let before = (self.passed + 0.5).floor();
+        self.passed += expected;
+        let draws = (self.passed + 0.5).floor() - before;
+        (draws > 0.0).then(|| weight * draws / expected)
+    }
+}
+
+/// About `most` samples drawn from many, or `None` when there are less than twice as many.
 pub(crate) fn thinned(samples: &Samples, most: usize) -> Option<Samples> {
-    let count = samples.len();
-    if most == 0 || count / 2 < most {
+    if most == 0 || samples.len() / 2 < most {
         return None;
     }
     let total: f64 = samples.weights.iter().map(|weight| f64::from(*weight)).sum();
+    let mut draw = Draw::new(samples.len() as u64, total, most);
     let mut thin = Samples {
         order: Vec::with_capacity(most),
         rows: Vec::with_capacity(most * samples.dims),
@@ -25,17 +59,11 @@ pub(crate) fn thinned(samples: &Samples, most: usize) -> Option<Samples> {
         weights: Vec::with_capacity(most),
         unit: samples.unit,
     };
-    let mut passed = 0.0;
     for (index, weight) in samples.weights.iter().enumerate() {
-        let weight = f64::from(*weight);
-        let by_weight = if total > 0.0 { weight / total } else { 1.0 / count as f64 };
-        let expected = 0.5 * (by_weight + 1.0 / count as f64) * most as f64;
-        let draws = (passed + expected + 0.5).floor() - (passed + 0.5).floor();
-        passed += expected;
-        if draws > 0.0 {
+        if let Some(weight) = draw.weight_of(f64::from(*weight)) {
             thin.order.push(index as u32);
             thin.rows.extend_from_slice(samples.row(index));
-            thin.weights.push((weight * draws / expected) as f32);
+            thin.weights.push(weight as f32);
         }
     }
     Some(thin)

@@ -26,6 +26,7 @@ mod report;
 mod samples;
 mod search;
 mod split;
+mod stream;
 mod table;
 
 use std::collections::BTreeMap;
@@ -35,6 +36,7 @@ use weald_contract::{
 
 pub use codebook::{Codebook, Mode, cluster, refine, split};
 pub use report::{Drift, Report, SpeciesReport};
+pub use stream::{Chunks, Streamed, Streaming, cluster_chunks};
 pub use table::{Table, TableError};
 
 /// Number of the algorithm: rises when equal input gives other bytes.

@@ -171,7 +171,7 @@ fn assign(samples: &Samples, centres: &[f32], k: usize) -> (Vec<u32>, Sums) {
 ///
 /// A block is first numbers together, then second ones, …. The last block is filled up with
 /// centres that are infinitely far.
-struct Blocks {
+pub(crate) struct Blocks {
     values: Vec<f32>,
     /// Cluster of each lane of each block.
     labels: Vec<u32>,
@@ -179,14 +179,15 @@ struct Blocks {
     ranges: Vec<[f32; 2]>,
 }
 
-struct Nearest {
-    label: u32,
+/// The centre that was found.
+pub(crate) struct Nearest {
+    pub label: u32,
     /// Squared distance.
     distance: f32,
 }
 
 impl Blocks {
-    fn of(centres: &[f32], dims: usize) -> Self {
+    pub fn of(centres: &[f32], dims: usize) -> Self {
         let first = |label: u32| centres[label as usize * dims];
         let mut labels: Vec<u32> = (0..(centres.len() / dims) as u32).collect();
         labels.sort_by(|a, b| first(*a).total_cmp(&first(*b)));
@@ -204,7 +205,7 @@ impl Blocks {
         Self { values, labels, ranges }
     }
 
-    fn nearest(&self, row: &[f32]) -> Nearest {
+    pub fn nearest(&self, row: &[f32]) -> Nearest {
         // The same loop, compiled for each common number of axes.
         match row.len() {
             2 => row.first_chunk::<2>().map_or_else(|| self.search(row), |row| self.search(row)),

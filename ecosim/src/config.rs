@@ -56,8 +56,18 @@ words! {
     }
 }
 
+words! {
+    /// How a density chooses the cells that hold a plant.
+    pub enum Method {
+        /// Floyd and Steinberg's error diffusion.
+        FloydSteinberg = "floyd_steinberg",
+        /// Equal steps of expected number along a Hilbert curve.
+        Hilbert = "hilbert",
+    }
+}
+
 table! {
-    /// Turns a density into plants: Floyd and Steinberg's dithering, then Lloyd's relaxation.
+    /// Turns a density into plants: chosen cells of a raster, then Lloyd's relaxation.
     ///
     /// Plants per m² are the product of `density`, `per_m2` and `formula`, of which at least
     /// one is given; what is left out counts as 1.
@@ -74,10 +84,12 @@ table! {
         formula: Option<Written<Formula>> = None;
         /// How plants are put on the ground.
         arrange: Arrange = Arrange::Scatter;
+        /// How scattered plants are chosen before they relax.
+        method: Method = Method::Hilbert;
         /// Side of the cells of which each holds at most one plant, m; chosen when left out.
         cell: Option<Written<f64>> = None, in 0.001..=10000.0;
         /// Iterations of Lloyd's relaxation.
-        relax: u32 = 5, in 0.0..=1000.0;
+        relax: u32 = 10, in 0.0..=1000.0;
         /// Age in years: a formula, or `[youngest, oldest]`; left out, 0.2 to 0.8 of the lifespan.
         age: Option<Attribute> = None;
         /// Largest random deviation from an age given by a formula, as a part of it.

@@ -195,8 +195,7 @@ impl<'a> Density<'a> {
         let Some(extent) = occupied(&look.grid) else { return Ok(None) };
         let side = width.max(height);
         let usual = (FILLING / f64::from(greatest)).sqrt().min(side / LEAST_CELLS_ACROSS);
-        // A whole number of cells along the terrain keeps the rim cells whole.
-        let cell = cell.unwrap_or(side / (side / usual).ceil());
+        let cell = cell.unwrap_or(side / cells_along(side / usual));
         let frame = crop(terrain, &extent, cell);
         let cells = frame.width as f64 * frame.height as f64;
         if cells > MOST_CELLS {
@@ -208,6 +207,18 @@ impl<'a> Density<'a> {
         }
         self.raster(frame).map(Some)
     }
+}
+
+/// Returns how many cells to lay along the terrain where at least `least` are needed.
+///
+/// A whole number keeps the rim cells whole. It is one of eight to each doubling, so that a
+/// slightly denser image has the same cells, and plants elsewhere keep their places and ids.
+fn cells_along(least: f64) -> f64 {
+    let mut step = 1.0;
+    while least > 16.0 * step {
+        step *= 2.0;
+    }
+    (least / step).ceil() * step
 }
 
 /// Returns the frame of cells of a given side that covers the terrain from its south-west

@@ -1,8 +1,9 @@
-//! From densities to plants: dithering and relaxation, or a grid of patches.
+//! From densities to plants: cells chosen by count and relaxation, or a grid of patches.
 
 use crate::Error;
 use crate::attribute::{Attributes, Newcomers};
-use crate::config::{Arrange, Halftone};
+use crate::config::{Arrange, Halftone, Method};
+use crate::curve::{Part, systematic};
 use crate::density::{Density, Patch, covering};
 use crate::dither::dither;
 use crate::relax::{Lloyd, Relaxation};
@@ -62,7 +63,7 @@ fn grown(
     Ok(sites.par_iter().zip(drawn).map(plant).collect())
 }
 
-/// Dithers the density, moves each plant at random within its cell, and relaxes.
+/// Chooses cells by the density, moves each plant at random within its cell, and relaxes.
 fn scatter(
     halftone: &Halftone,
     density: &Density<'_>,
@@ -86,20 +87,23 @@ fn scatter(
     }
     let total: f64 = expected.par_chunks(4096).map(sum).collect::<Vec<_>>().iter().sum();
     stand.check_room(total.round() as u64, &what)?;
-    let cells = dither(raster.frame.width, expected);
+    let whole = covering(terrain, raster.frame.cell);
+    let cells = match halftone.method {
+        Method::FloydSteinberg => dither(raster.frame.width, expected),
+        Method::Hilbert => systematic(part_of(&whole, &raster.frame), &expected),
+    };
     site.progress.advance(1);
     let home = |&cell: &usize| home_in(cell, &raster.frame, density, site);
     let homes: Vec<[f64; 2]> = cells.par_iter().map(home).collect();
     let mut places = homes.clone();
     if halftone.relax > 0 {
-        let lloyd = Lloyd::new(&raster, places.len());
+        let (lloyd, movable) = (Lloyd::new(&raster, None), places.len());
         for pass in 0..halftone.relax {
             site.check_cancelled()?;
-            lloyd.pass(&mut places, &Relaxation::pass(pass, halftone.relax));
+            lloyd.pass(&mut places, movable, &Relaxation::pass(pass, halftone.relax));
             site.progress.advance(1);
         }
     }
-    let whole = covering(terrain, raster.frame.cell);
     let placed = |(index, [x, y]): (usize, [f64; 2])| {
         let id = site.ids.id(number_in(&whole, &raster.frame, cells[index]));
         // The raster knows cells only; a plant that left what bears it goes back home.
@@ -158,10 +162,16 @@ fn home_in(cell: usize, frame: &Frame, density: &Density<'_>, site: &Site<'_>) -
 /// Returns a cell's number in the frame that covers the terrain: the same whatever part of it
 /// plants are wanted in, so that ids do not change when that part does.
 fn number_in(whole: &Frame, part: &Frame, cell: usize) -> u64 {
-    let left = ((part.west - whole.west) / part.cell).round() as u64;
-    let top = ((whole.north() - part.north()) / part.cell).round() as u64;
-    let (column, row) = ((cell % part.width) as u64, (cell / part.width) as u64);
-    (top + row) * whole.width as u64 + left + column
+    let [left, top] = part_of(whole, part).offset;
+    let (column, row) = (cell % part.width, cell / part.width);
+    (top + row) as u64 * whole.width as u64 + (left + column) as u64
+}
+
+/// Returns where the frame of a part lies in the whole, in cells.
+fn part_of(whole: &Frame, part: &Frame) -> Part {
+    let left = ((part.west - whole.west) / part.cell).round() as usize;
+    let top = ((whole.north() - part.north()) / part.cell).round() as usize;
+    Part { width: part.width, offset: [left, top], whole: [whole.width, whole.height] }
 }
 
 /// Takes the cells of a square grid at random, each with its density as probability.

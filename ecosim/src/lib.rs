@@ -12,6 +12,7 @@ mod attribute;
 mod clear;
 mod competition;
 mod config;
+mod curve;
 mod density;
 mod dither;
 mod field;
@@ -31,9 +32,10 @@ mod voronoi;
 
 pub use competition::{Circle, Plain, dominators};
 pub use config::{
-    Arrange, Attribute, Clear, Config, Edge, Halftone, Order, Place, RelaxStep, Simulate, Step,
-    StepCommon,
+    Arrange, Attribute, Clear, Config, Edge, Halftone, Method, Order, Place, RelaxStep, Simulate,
+    Step, StepCommon,
 };
+pub use curve::{Part, systematic};
 pub use dither::dither;
 pub use relax::{Relaxation, relax};
 pub use simulate::{Simulation, Year};
@@ -44,7 +46,7 @@ use std::collections::BTreeMap;
 use weald_contract::{Image, Layers, Population, Problem, Species, View};
 
 /// Version of what this crate computes; it changes whenever equal inputs give other plants.
-pub const OUTPUT_VERSION: u32 = 1;
+pub const OUTPUT_VERSION: u32 = 2;
 
 /// Why no population was made.
 #[derive(Debug, thiserror::Error)]

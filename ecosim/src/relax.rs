@@ -56,7 +56,8 @@ impl Relaxation {
 /// `density` says how dense plants are wanted, in any unit; no plant moves to where it is 0.
 /// The result does not depend on the number of threads.
 pub fn relax(places: &mut [[f64; 2]], density: &Grid, relaxation: &Relaxation) {
-    Lloyd::new(density, places.len()).pass(places, relaxation);
+    let count = places.len();
+    Lloyd::new(density, Some(count)).pass(places, count, relaxation);
 }
 
 /// A density made ready for many passes.
@@ -65,13 +66,14 @@ pub(crate) struct Lloyd<'a> {
 }
 
 impl<'a> Lloyd<'a> {
-    /// Prepares to relax `count` plants.
-    pub(crate) fn new(density: &'a Grid, count: usize) -> Self {
+    /// Prepares to relax on a density in plants per m², or in any unit if it is to hold `count`
+    /// plants.
+    pub(crate) fn new(density: &'a Grid, count: Option<usize>) -> Self {
         Self { masses: Masses::new(density, count) }
     }
 
-    /// Moves plants once.
-    pub(crate) fn pass(&self, places: &mut [[f64; 2]], relaxation: &Relaxation) {
+    /// Moves the first `movable` plants once; the others stay, and keep them off.
+    pub(crate) fn pass(&self, places: &mut [[f64; 2]], movable: usize, relaxation: &Relaxation) {
         let masses = &self.masses;
         let mut plants: Vec<Member> = places
             .par_iter()
@@ -79,8 +81,10 @@ impl<'a> Lloyd<'a> {
             .map(|(index, place)| Member { place: masses.local(*place), index: index as u32 })
             .collect();
         let tiles: Vec<Tile<'_>> = split(&mut plants).into_iter().map(Tile::new).collect();
-        let moved: Vec<Vec<Member>> =
-            tiles.par_iter().map(|tile| relax_tile(tile, &tiles, masses, relaxation)).collect();
+        let moved: Vec<Vec<Member>> = tiles
+            .par_iter()
+            .map(|tile| relax_tile(tile, &tiles, masses, movable, relaxation))
+            .collect();
         for plant in moved.into_iter().flatten() {
             places[plant.index as usize] = masses.on_map(plant.place);
         }
@@ -114,6 +118,12 @@ impl<'a> Tile<'a> {
         let (width, height) = (self.high[0] - self.low[0], self.high[1] - self.low[1]);
         let count = self.members.len() as f64;
         (width * height / count).sqrt().max(width.max(height) / count)
+    }
+
+    /// Returns the greatest spacing wanted at one of its plants, at most `most`.
+    fn widest_spacing(&self, masses: &Masses<'_>, most: f64) -> f64 {
+        let spacings = self.members.iter().map(|member| masses.spacing(member.place).min(most));
+        spacings.fold(0.0, f64::max)
     }
 
     fn is_near(&self, low: [f64; 2], high: [f64; 2]) -> bool {
@@ -152,11 +162,12 @@ fn relax_tile(
     tile: &Tile<'_>,
     tiles: &[Tile<'_>],
     masses: &Masses<'_>,
+    movable: usize,
     relaxation: &Relaxation,
 ) -> Vec<Member> {
     // A lone tile knows every plant, so that nothing bounds its polygons but the ground.
     let widest = if tiles.len() == 1 { masses.diagonal() } else { 2.0 * tile.spacing() };
-    let sites = with_ring(tile, tiles, 2.0 * SQRT_2 * REACH * widest);
+    let sites = with_ring(tile, tiles, 2.0 * SQRT_2 * REACH * tile.widest_spacing(masses, widest));
     let mut cells = Cells::new(&sites);
     let mut sweep = Sweep::default();
     let relaxed = |(own, member): (usize, &Member)| {
@@ -166,7 +177,8 @@ fn relax_tile(
         let place = destination(member.place, target, longest, relaxation.step, masses);
         Some(Member { place, ..*member })
     };
-    tile.members.iter().enumerate().filter_map(relaxed).collect()
+    let may_move = |(_, member): &(usize, &Member)| (member.index as usize) < movable;
+    tile.members.iter().enumerate().filter(may_move).filter_map(relaxed).collect()
 }
 
 /// Returns where a plant goes that wants to move to `target`: `step` times the way, at most
@@ -219,10 +231,11 @@ pub(crate) fn run(step: &RelaxStep, site: &Site<'_>, stand: &mut Stand<'_>) -> R
     let mut places: Vec<[f64; 2]> =
         chosen.iter().map(|&index| [plants[index].x, plants[index].y]).collect();
     let density = wanted(step, chosen.len(), site, stand)?;
-    let lloyd = Lloyd::new(&density, places.len());
+    let movable = places.len();
+    let lloyd = Lloyd::new(&density, Some(movable));
     for pass in 0..step.iterations {
         site.check_cancelled()?;
-        lloyd.pass(&mut places, &Relaxation::pass(pass, step.iterations));
+        lloyd.pass(&mut places, movable, &Relaxation::pass(pass, step.iterations));
         site.progress.advance(1);
     }
     for (&index, [x, y]) in chosen.iter().zip(places) {

@@ -299,3 +299,54 @@ fn dots_smaller_than_a_terrain_cell_are_planted_where_they_are() {
     };
     assert!(places.iter().all(|place| near(*place)), "{places:?}");
 }
+
+#[test]
+fn both_methods_give_the_exact_count_of_a_painted_image() {
+    let blots = |column: usize, row: usize| {
+        let (u, v) = (column as f32 / 120.0, row as f32 / 120.0);
+        (0.5 + 0.5 * (7.0 * u).sin() * (9.0 * v).cos()).powi(2)
+    };
+    let world = plain(60, 1.0).with_species("herb", HERB).with_image("b.png", 120, 120, blots);
+    let wanted: f64 = (0..120 * 120).map(|i| f64::from(blots(i % 120, i / 120)) * 0.75).sum();
+    for method in ["hilbert", "floyd_steinberg"] {
+        let steps = format!(
+            "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\ndensity = \"b.png\"\n\
+             per_m2 = 3\nmethod = \"{method}\""
+        );
+        let population = world.grow(&steps).unwrap().population;
+        assert_eq!(population.len(), wanted.round() as usize, "{method}");
+    }
+}
+
+#[test]
+fn a_local_edit_moves_only_plants_near_it_and_keeps_their_ids() {
+    // A stroke over 12 m of 400 in the south-west takes away a third of what is painted.
+    let painted = |edit: f32| {
+        move |column: usize, row: usize| {
+            let edited = (80..104).contains(&column) && (700..724).contains(&row);
+            (0.3 + 0.4 * (column as f32 / 799.0)) * if edited { edit } else { 1.0 }
+        }
+    };
+    let steps = "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\ndensity = \"d.png\"\n\
+                 per_m2 = 0.5\nrelax = 5";
+    let planted = |edit: f32| {
+        let world = plain(400, 1.0).with_species("herb", HERB);
+        let world = world.with_image("d.png", 800, 800, painted(edit));
+        let population = world.grow(steps).unwrap().population;
+        let places = world.places(&population);
+        let ids = population.plants.iter().map(|plant| plant.id);
+        ids.zip(places).collect::<std::collections::BTreeMap<u64, [f64; 2]>>()
+    };
+    let (before, after) = (planted(1.0), planted(0.66));
+    assert!(after.len() < before.len());
+    let is_far = |p: &[f64; 2]| (p[0] - 46.0).hypot(p[1] - 44.0) > 90.0;
+    let mut far: Vec<u64> = Vec::new();
+    for (id, place) in before.iter().filter(|(_, place)| is_far(place)) {
+        let stays = |p: &[f64; 2]| (p[0] - place[0]).hypot(p[1] - place[1]) < 1e-6;
+        if !after.get(id).is_some_and(stays) {
+            far.push(*id);
+        }
+    }
+    // The sum is rounded as a whole, so that a few distant squares gain or lose one plant.
+    assert!(far.len() < before.len() / 20, "{} of {} moved", far.len(), before.len());
+}

@@ -58,8 +58,10 @@ pub struct Parts<'a> {
 pub struct Statistics {
     /// Different plant models and objects.
     pub prototypes: u64,
-    /// Placements that are stored, at all levels.
+    /// Placements at all levels, also those in groups that are stored as one mesh.
     pub instances: u64,
+    /// Plants that stand: each counted wherever it is placed, through all levels.
+    pub plants: u128,
     /// Triangles that are stored.
     pub unique_primitives: u64,
     /// Triangles that rays can meet: each counted wherever it is placed, through all levels.
@@ -124,8 +126,8 @@ impl Scene {
         let origin = ground::origin(parts.terrain)?;
         let ground = ground::build(parts.terrain, origin)?;
         let mut assembly = Assembly::new(origin);
-        assembly.push(Level::mesh(&ground.triangles));
-        assembly.push(Level::mesh(&ground.water));
+        assembly.push(Level::mesh(&ground.triangles), 0);
+        assembly.push(Level::mesh(&ground.water), 0);
         let rows = rows_by_group(parts.instances);
         assembly.add_plants(parts, &rows, progress)?;
         assembly.add_groups(parts, &rows)?;
@@ -135,8 +137,7 @@ impl Scene {
         let mut top = assembly.place_rows(parts.instances, rows.get(&0).map_or(&[], |r| r))?;
         top.push((standing_at([0.0; 3], 0.0, 1.0, GROUND_LEVEL), 0));
         assembly.add_objects(parts.objects, &mut top)?;
-        let top = Level::group(&top, &assembly.levels);
-        assembly.push(top);
+        assembly.push_group(&top, false);
         let statistics = assembly.statistics();
         Ok(Scene {
             solid: assembly.levels.len() as u32 - 1,
@@ -255,6 +256,10 @@ fn standing_at(position: [f32; 3], yaw: f32, scale: f32, level: u32) -> Instance
 struct Assembly {
     origin: [f64; 3],
     levels: Vec<Level>,
+    /// Plants in each level.
+    plants: Vec<u128>,
+    /// Placements so far.
+    placements: u64,
     materials: Vec<Material>,
     /// Level and nesting depth of each representative and group.
     by_id: BTreeMap<u32, (u32, usize)>,
@@ -273,12 +278,36 @@ impl Assembly {
         };
         // In the order of GROUND_MATERIAL and WATER_MATERIAL.
         let materials = vec![Material { is_ground: true, ..plain }, plain];
-        Self { origin, levels: Vec::new(), materials, by_id: BTreeMap::new(), models: 0 }
+        Self {
+            origin,
+            levels: Vec::new(),
+            plants: Vec::new(),
+            placements: 0,
+            materials,
+            by_id: BTreeMap::new(),
+            models: 0,
+        }
     }
 
-    fn push(&mut self, level: Level) -> u32 {
+    /// Adds a level in which this many plants stand.
+    fn push(&mut self, level: Level, plants: u128) -> u32 {
         self.levels.push(level);
+        self.plants.push(plants);
         self.levels.len() as u32 - 1
+    }
+
+    /// Adds a level of placements; those of at most [`BAKED`] triangles become one mesh if
+    /// `may_bake` is set.
+    fn push_group(&mut self, placed: &[(Instance, u64)], may_bake: bool) -> u32 {
+        self.placements += placed.len() as u64;
+        let plants = placed.iter().map(|(instance, _)| self.plants[instance.level as usize]).sum();
+        let group = Level::group(placed, &self.levels);
+        let level = if may_bake && group.triangle_count(&self.levels) <= BAKED {
+            Level::mesh(&group.triangles(&self.levels))
+        } else {
+            group
+        };
+        self.push(level, plants)
     }
 
     /// Adds the mesh of every representative that is placed anywhere.
@@ -307,7 +336,7 @@ impl Assembly {
             })
             .collect();
         for (plant, level) in plants.iter().zip(flat) {
-            let number = self.push(level?);
+            let number = self.push(level?, 1);
             self.by_id.insert(plant.id, (number, 0));
         }
         Ok(())
@@ -386,13 +415,7 @@ impl Assembly {
         if depth >= MAX_DEPTH {
             return Err(Error::Nesting { group, limit: MAX_DEPTH - 1 });
         }
-        let level = Level::group(&placed, &self.levels);
-        let level = if level.triangle_count(&self.levels) <= BAKED {
-            Level::mesh(&level.triangles(&self.levels))
-        } else {
-            level
-        };
-        let number = self.push(level);
+        let number = self.push_group(&placed, true);
         self.by_id.insert(group, (number, depth));
         Ok(())
     }
@@ -443,7 +466,7 @@ impl Assembly {
             }
             let base = self.add_materials(&object.model, 0)?;
             let triangles = flatten(&object.model, &what, base)?;
-            let level = self.push(Level::mesh(&triangles));
+            let level = self.push(Level::mesh(&triangles), 0);
             top.push((standing_at(position, object.yaw, object.scale, level), 0));
         }
         Ok(())
@@ -451,7 +474,12 @@ impl Assembly {
 
     fn statistics(&self) -> Statistics {
         use crate::accel::Content;
-        let mut statistics = Statistics { prototypes: self.models, ..Statistics::default() };
+        let mut statistics = Statistics {
+            prototypes: self.models,
+            instances: self.placements,
+            plants: self.plants.last().copied().unwrap_or(0),
+            ..Statistics::default()
+        };
         let mut seen: Vec<u128> = Vec::with_capacity(self.levels.len());
         for level in &self.levels {
             statistics.bytes += level.bytes();
@@ -461,7 +489,6 @@ impl Assembly {
                     seen.push(faces.len() as u128);
                 }
                 Content::Group { instances, .. } => {
-                    statistics.instances += instances.len() as u64;
                     seen.push(instances.iter().map(|i| seen[i.level as usize]).sum());
                 }
             }
@@ -717,7 +744,11 @@ mod tests {
         ];
         let scene = scene(plant(), &rows).unwrap();
         assert_eq!(scene.statistics().instanced_primitives, ground + 2 * 7);
-        assert_eq!(scene.statistics().prototypes, 1);
+        let statistics = scene.statistics();
+        assert_eq!(statistics.prototypes, 1);
+        // Seven sticks in each patch 3; the rows and the ground are placements, though the
+        // patches are so small that each is one mesh.
+        assert_eq!((statistics.plants, statistics.instances), (14, 9));
     }
 
     #[test]
@@ -774,5 +805,69 @@ mod tests {
         let mut flat = row(0, 1);
         flat.scale = 0.0;
         assert!(matches!(error(plant(), &[flat]), Error::BadInstance { row: 0, .. }));
+    }
+
+    /// A pond in a wood, with patches of sticks in patches.
+    fn wood() -> (Layers, Instances) {
+        let frame = Frame { width: 9, height: 9, cell: 5.0, west: 500.0, south: 700.0 };
+        let mut layers =
+            Layers { frame, crs: Default::default(), layers: Default::default(), detail: vec![] };
+        let distance = |i: usize| ((i % 9).abs_diff(4) + (i / 9).abs_diff(4)) as f32;
+        let heights: Vec<f32> = (0..81).map(|i| 100.0 + 0.4 * distance(i)).collect();
+        let depths = heights.iter().map(|height| (100.9 - height).max(0.0)).collect();
+        let moisture = (0..81).map(|i| 1.0 - 0.1 * distance(i)).collect();
+        layers.insert("altitude", "m", "Height.", heights);
+        layers.insert("water_depth", "m", "Depth.", depths);
+        layers.insert("soil_moisture", "1", "Moisture.", moisture);
+        let mut instances = Instances::default();
+        let mut chance = weald_contract::Seed(3).stream("wood", 0);
+        for number in 0..60 {
+            let position =
+                [500.0 + chance.range(2.0, 38.0), 700.0 + chance.range(2.0, 38.0), 100.5];
+            let yaw = 0.5 * chance.range(0.0, 6.0);
+            let rotation = [0.0, 0.0, yaw.sin() as f32, yaw.cos() as f32];
+            let prototype = 1 + number % 3;
+            let plant_id = u64::from(number);
+            instances.push(Row { group: 0, prototype, plant_id, position, rotation, scale: 0.8 });
+        }
+        [row(2, 1), row(2, 1), row(3, 2), row(3, 1)].into_iter().for_each(|r| instances.push(r));
+        (layers, instances)
+    }
+
+    #[test]
+    fn a_scene_of_parts_has_the_same_bits_on_one_and_two_threads() {
+        let (terrain, instances) = wood();
+        let species = ["stick".to_string()];
+        let text = "name = \"shore\"\nstand_at = [6, 6]\nlook_at = [20, 20]";
+        let view: weald_contract::View = table(text);
+        let config: crate::Config = table("view = \"shore\"\nresolution = [48, 32]\nsamples = 4");
+        let make = || {
+            let parts = Parts {
+                terrain: &terrain,
+                palette: &palette(),
+                instances: &instances,
+                prototypes: &Models(plant()),
+                objects: &[],
+                species: &species,
+            };
+            let scene = Scene::build(&parts, &Sky::clear_day(), &Silent).unwrap();
+            let seed = weald_contract::Seed(5);
+            let film = crate::render(&scene, &view, &config, seed, &Silent).unwrap();
+            let channels = film.picture().channels.into_iter();
+            let bits: Vec<u32> = channels.flat_map(|c| c.values).map(f32::to_bits).collect();
+            (bits, film.statistics(), *scene.statistics())
+        };
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(make)
+        };
+        let alone = with(1);
+        assert!(alone.2.plants > 60);
+        assert!(alone == with(2), "two threads gave other bits than one");
+    }
+
+    fn table<T: weald_contract::FromToml>(text: &str) -> T {
+        let value = weald_contract::Value::parse(0, text).unwrap();
+        T::from_toml(&value, &mut Vec::new()).unwrap()
     }
 }

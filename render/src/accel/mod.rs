@@ -7,6 +7,12 @@
 //! Trees are built as binary trees by binned surface-area heuristics [Wald07], or, for meshes of
 //! many millions of triangles, by the faster agglomerative clustering of `obvhs` [MB18], and
 //! are then collapsed to eight children a node [Ylitie17].
+//!
+//! Why not the walks of `obvhs` too: on the rays of [`probe`](crate::probe) through 500,000
+//! random leaves, one thread, ours takes 0.66 million rays a second, its CWBVH 0.41 and its BVH2
+//! 0.21 (medium build, its packed triangles), although ours enters an instance on the way. That
+//! is 1.6 and 3.1 times as many; the ignored test `our_walk_outruns_that_of_obvhs_on_the_rays_of_probe`
+//! measures it again.
 
 mod bounds;
 mod build;

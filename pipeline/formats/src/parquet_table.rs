@@ -9,7 +9,7 @@ use parquet::basic::{
 use parquet::column::reader::{ColumnReader, ColumnReaderImpl};
 use parquet::column::writer::ColumnWriter;
 use parquet::data_type::{ByteArray, DataType};
-use parquet::file::metadata::KeyValue;
+use parquet::file::metadata::{KeyValue, RowGroupMetaData};
 use parquet::file::properties::{WriterProperties, WriterVersion};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
@@ -246,7 +246,8 @@ fn read_unguarded(path: &Path) -> Result<(Table, Metadata)> {
     }
     let mut table = Table::default();
     for (index, descriptor) in schema.columns().iter().enumerate() {
-        let Some(mut column) = empty_column(descriptor) else { continue };
+        let is_whole = has_no_gaps(&reader, index, descriptor);
+        let Some(mut column) = empty_column(descriptor, is_whole) else { continue };
         let mut words = HashMap::new();
         for group in 0..reader.num_row_groups() {
             let group = guarded(path, || reader.get_row_group(group))?;
@@ -276,14 +277,28 @@ fn rows_of(path: &Path, reader: &SerializedFileReader<File>) -> Result<usize> {
     }
 }
 
-/// A column to fill, or `None` for types that are left out.
-fn empty_column(descriptor: &ColumnDescriptor) -> Option<Column> {
+/// Whether a column has a value in every row: because it must, or because the file counted none
+/// missing, as the writers of pandas and DuckDB do for columns that might have had gaps.
+fn has_no_gaps(
+    reader: &SerializedFileReader<File>,
+    index: usize,
+    descriptor: &ColumnDescriptor,
+) -> bool {
+    let counted_none = |group: &RowGroupMetaData| {
+        let statistics = group.columns().get(index).and_then(|column| column.statistics());
+        statistics.and_then(|statistics| statistics.null_count_opt()) == Some(0)
+    };
+    descriptor.max_def_level() == 0 || reader.metadata().row_groups().iter().all(counted_none)
+}
+
+/// A column to fill, or `None` for types that are left out. Whole numbers with gaps become
+/// floats, where a gap is NaN.
+fn empty_column(descriptor: &ColumnDescriptor, is_whole: bool) -> Option<Column> {
     let is_text = matches!(
         descriptor.converted_type(),
         ConvertedType::UTF8 | ConvertedType::ENUM | ConvertedType::JSON
     );
     let is_plain = matches!(descriptor.converted_type(), ConvertedType::NONE);
-    let is_optional = descriptor.max_def_level() > 0;
     if descriptor.max_rep_level() > 0 {
         return None;
     }
@@ -292,8 +307,8 @@ fn empty_column(descriptor: &ColumnDescriptor) -> Option<Column> {
         Type::FLOAT if is_plain => Some(Column::Float32(Vec::new())),
         Type::DOUBLE if is_plain => Some(Column::Float(Vec::new())),
         Type::BOOLEAN | Type::INT32 | Type::INT64 => match descriptor.converted_type() {
-            ConvertedType::UINT_64 if !is_optional => Some(Column::Unsigned(Vec::new())),
-            kind if is_whole_number(kind) && is_optional => Some(Column::Float(Vec::new())),
+            ConvertedType::UINT_64 if is_whole => Some(Column::Unsigned(Vec::new())),
+            kind if is_whole_number(kind) && !is_whole => Some(Column::Float(Vec::new())),
             kind if is_whole_number(kind) => Some(Column::Integer(Vec::new())),
             _ => None,
         },

@@ -177,6 +177,13 @@ mod tests {
     }
 
     #[test]
+    fn a_lamp_comes_back_bit_for_bit() {
+        let mut lamp = sapling();
+        lamp.materials[0].surface = Surface::Light { radiance: [3.3, 0.7, 12.1] };
+        assert_eq!(parse_plant(Path::new("lamp.glb"), &bytes_of(&lamp)).unwrap(), lamp);
+    }
+
+    #[test]
     fn an_independent_reader_accepts_our_file_and_sees_it_upright() {
         let bytes = bytes_of(&flatten(&sapling()));
         let gltf = gltf::Gltf::from_slice(&bytes).unwrap();

@@ -1,4 +1,4 @@
-//! Files that other programs wrote: GDAL, GeoPandas and OpenEXR, through their Python packages.
+//! Files that other programs wrote: GDAL, pandas, GeoPandas and OpenEXR, through their Python packages.
 
 use std::path::{Path, PathBuf};
 use weald_contract::Frame;
@@ -58,8 +58,20 @@ fn a_geoparquet_inventory_of_geopandas_is_a_population() {
     let table = read_table(&data("geopandas_plants.parquet")).unwrap();
     assert!(table.column("when").is_none(), "dates are left out");
     assert!(
-        matches!(table.column("alive"), Some(Column::Float(alive)) if alive[..] == [1.0, 0.0, 1.0])
+        matches!(table.column("alive"), Some(Column::Integer(alive)) if alive[..] == [1, 0, 1])
     );
+}
+
+#[test]
+fn whole_numbers_of_pandas_stay_whole_unless_one_is_missing() {
+    let table = read_table(&data("pandas_integers.parquet")).unwrap();
+    // 2^53 + 1 has no double: a detour over floats would lose it.
+    let ids = table.column("id");
+    assert!(matches!(ids, Some(Column::Unsigned(ids)) if ids[..] == [3, (1 << 53) + 1]));
+    let counts = table.column("count");
+    assert!(matches!(counts, Some(Column::Integer(counts)) if counts[..] == [-4, 7]));
+    let gaps = table.column("gap");
+    assert!(matches!(gaps, Some(Column::Float(gaps)) if gaps[0] == 1.0 && gaps[1].is_nan()));
 }
 
 #[test]

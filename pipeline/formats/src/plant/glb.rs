@@ -106,6 +106,7 @@ pub(super) struct Attributes {
 pub(super) struct MaterialEntry {
     pub name: Option<String>,
     pub pbr_metallic_roughness: Pbr,
+    pub emissive_factor: Option<[f32; 3]>,
     pub extensions: MaterialExtensions,
     pub extras: Json,
 }
@@ -122,6 +123,14 @@ pub(super) struct Pbr {
 pub(super) struct MaterialExtensions {
     #[serde(rename = "KHR_materials_diffuse_transmission")]
     pub transmission: Option<Transmission>,
+    #[serde(rename = "KHR_materials_emissive_strength")]
+    pub emission: Option<Emission>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct Emission {
+    pub emissive_strength: Option<f32>,
 }
 
 #[derive(Debug, Default, Deserialize)]

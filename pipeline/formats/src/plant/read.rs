@@ -341,11 +341,24 @@ fn material(entry: &MaterialEntry) -> Material {
         name: entry.name.clone().unwrap_or_default(),
         reflectance,
         roughness: unit(pbr.roughness_factor.unwrap_or(1.0)),
-        surface: match transmittance {
-            Some(transmittance) => Surface::Leaf { transmittance },
-            None => Surface::Opaque,
+        surface: match (transmittance, radiance(entry)) {
+            (Some(transmittance), _) => Surface::Leaf { transmittance },
+            (None, Some(radiance)) => Surface::Light { radiance },
+            (None, None) => Surface::Opaque,
         },
     }
+}
+
+/// Radiance of a material that shines, kcd/m²: glTF counts in cd/m².
+fn radiance(entry: &MaterialEntry) -> Option<[f32; 3]> {
+    let ours = entry.extras.get("weald").and_then(|ours| ours.get("radiance"));
+    let strength = entry.extensions.emission.as_ref().and_then(|found| found.emissive_strength);
+    let scale = strength.unwrap_or(1.0) / 1000.0;
+    let given = entry.emissive_factor?.map(|part| part * scale);
+    let exact = ours.and_then(|list| serde_json::from_value(list.clone()).ok());
+    let radiance: [f32; 3] = exact.unwrap_or(given);
+    let is_sound = radiance.iter().all(|part| part.is_finite() && *part >= 0.0);
+    (is_sound && radiance.iter().any(|part| *part > 0.0)).then_some(radiance)
 }
 
 /// A factor in [0, 1]; what is no number becomes 0.
@@ -465,5 +478,13 @@ mod tests {
         let leaf = material(&entry);
         assert_eq!(leaf.reflectance, [0.375, 0.75, 0.0]);
         assert_eq!(leaf.surface, Surface::Leaf { transmittance: [0.25; 3] });
+        let lamp = material(
+            &serde_json::from_value(json!({
+                "emissiveFactor": [1.0, 0.5, 0.0],
+                "extensions": { "KHR_materials_emissive_strength": { "emissiveStrength": 4000.0 } },
+            }))
+            .unwrap(),
+        );
+        assert_eq!(lamp.surface, Surface::Light { radiance: [4.0, 2.0, 0.0] });
     }
 }

@@ -184,6 +184,10 @@ impl Scene {
         if model.materials.iter().any(is_leaf) {
             extensions.push("KHR_materials_diffuse_transmission");
         }
+        let is_light = |material: &Material| matches!(material.surface, Surface::Light { .. });
+        if model.materials.iter().any(is_light) {
+            extensions.push("KHR_materials_emissive_strength");
+        }
         let mut document = json!({
             "asset": {
                 "version": "2.0",
@@ -239,6 +243,19 @@ fn material(material: &Material) -> Json {
             "pbrMetallicRoughness": pbr(reflectance.map(unit)),
             "extras": { "weald": { "reflectance": reflectance } },
         }),
+        Surface::Light { radiance } => {
+            let most = radiance.iter().copied().fold(0.0, f32::max);
+            let factor = radiance.map(|part| if most > 0.0 { unit(part / most) } else { 0.0 });
+            json!({
+                "name": name,
+                "pbrMetallicRoughness": pbr(reflectance.map(unit)),
+                "emissiveFactor": factor,
+                "extensions": { "KHR_materials_emissive_strength": {
+                    "emissiveStrength": 1000.0 * most,
+                } },
+                "extras": { "weald": { "reflectance": reflectance, "radiance": radiance } },
+            })
+        }
         Surface::Leaf { transmittance } => {
             let largest = |color: &[f32; 3]| color.iter().copied().fold(0.0, f32::max);
             let (reflected, passed) = (largest(reflectance), largest(transmittance));

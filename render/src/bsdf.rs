@@ -16,6 +16,8 @@ pub(crate) struct Material {
     pub reflectance: Vec3,
     /// Diffuse transmittance; zero for what is opaque.
     pub transmittance: Vec3,
+    /// Radiance of its own, to both sides, kcd/m².
+    pub emission: Vec3,
     /// Roughness of the coat; from 0.95 on there is none.
     pub roughness: f32,
     /// Largest part of the light that is lost or gained at random from leaf to leaf.
@@ -167,6 +169,7 @@ mod tests {
         let material = Material {
             reflectance: Vec3::splat(reflectance),
             transmittance: Vec3::splat(transmittance),
+            emission: Vec3::ZERO,
             roughness,
             variation: 0.0,
             is_ground: false,

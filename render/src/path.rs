@@ -2,7 +2,8 @@
 //!
 //! At every scattering the lights are connected to directly (next-event estimation) and the path
 //! goes on in a direction drawn from the surface; both ways of reaching the sky are combined by
-//! the power heuristic [Veach97] §9.2. The sun is so small that only connections find it, except
+//! the power heuristic [Veach97] §9.2. Surfaces that shine are met by chance only: they are few
+//! and dim beside the day. The sun is so small that only connections find it, except
 //! for the eye itself and its mirror image in water. Paths end at random once they carry little
 //! [AK90].
 
@@ -224,6 +225,7 @@ struct Path {
 struct Vertex {
     position: Vec3,
     bsdf: Bsdf,
+    emission: Vec3,
     species: u32,
     plant: u64,
 }
@@ -279,6 +281,7 @@ impl Tracer<'_> {
         if path.is_straight {
             self.add_haze(path, distance);
         }
+        path.light += path.beta * vertex.emission;
         self.scatter(path, &vertex, sampler, scratch)
     }
 
@@ -288,7 +291,8 @@ impl Tracer<'_> {
         let position = path.ray.origin + hit.t * path.ray.direction;
         let material = self.material(&place, position);
         let bsdf = Bsdf::new(&material, place.geometric, place.shading, -path.ray.direction);
-        Vertex { position, bsdf, species: material.species, plant: place.plant }
+        let (emission, species) = (material.emission, material.species);
+        Vertex { position, bsdf, emission, species, plant: place.plant }
     }
 
     /// The material at a place, with its variation from organ to organ and plant to plant.
@@ -399,14 +403,31 @@ impl Tracer<'_> {
             return false;
         };
         let ray = Ray { origin: from(sample.direction), direction: sample.direction };
+        path.beta *= sample.weight;
+        self.meet_light(path, &ray, scratch);
         let reach = self.reach(path, &ray, scratch);
         if reach > 0.0 {
             let dome = &self.scene.dome;
             let chance = if path.bounces == 1 { 1.0 } else { 1.0 - self.sun_chance() };
             let weight = heuristic(sample.pdf, chance * dome.pdf(ray.direction));
-            path.light += path.beta * sample.weight * dome.radiance(ray.direction) * weight * reach;
+            path.light += path.beta * dome.radiance(ray.direction) * weight * reach;
         }
         false
+    }
+
+    /// Adds what shines at the end of the last ray of a path.
+    fn meet_light(&self, path: &mut Path, ray: &Ray, scratch: &mut Scratch) {
+        if !self.scene.has_lights || path.in_water {
+            return;
+        }
+        let levels = &self.scene.levels;
+        scratch.rays += 1;
+        let hit = levels.nearest(self.scene.solid, ray, f32::INFINITY, &mut scratch.stack);
+        if hit.is_some() {
+            let place = levels.place(self.scene.solid, &hit);
+            let material = &self.scene.materials[usize::from(place.face.material)];
+            path.light += path.beta * material.emission;
+        }
     }
 
     /// Chance that a later connection goes to the sun.
@@ -640,6 +661,7 @@ mod tests {
         Material {
             reflectance: Vec3::splat(reflectance),
             transmittance: Vec3::splat(transmittance),
+            emission: Vec3::ZERO,
             roughness: 1.0,
             variation: 0.0,
             is_ground: false,
@@ -740,24 +762,41 @@ mod tests {
         assert!((light / expected - 1.0).abs().max_element() < 0.01, "{light} {expected}");
     }
 
-    #[test]
-    fn no_light_leaks_into_a_closed_room() {
+    /// The walls of a room of 2 m around the origin.
+    fn room() -> Vec<Triangle> {
         let corner = |i: usize| {
             Vec3::from_array([0, 1, 2].map(|axis| if i >> axis & 1 == 1 { 1.0 } else { -1.0 }))
         };
         let quads =
             [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
-        let walls: Vec<Triangle> = quads
-            .iter()
-            .map(|quad| quad.map(corner))
-            .flat_map(|[a, b, c, d]| [triangle([a, b, c]), triangle([a, c, d])])
-            .collect();
-        let scene = Scene::of_mesh(&walls, vec![material(0.9, 0.0)], Dome::constant(1.0));
-        let outwards = |number: u32| {
-            let ray = inwards(number);
-            Ray { origin: Vec3::new(0.3, -0.2, 0.1), direction: ray.direction }
-        };
+        let quads = quads.iter().map(|quad| quad.map(corner));
+        quads.flat_map(|[a, b, c, d]| [triangle([a, b, c]), triangle([a, c, d])]).collect()
+    }
+
+    /// Rays in all directions from a place in the room.
+    fn outwards(number: u32) -> Ray {
+        Ray { origin: Vec3::new(0.3, -0.2, 0.1), direction: inwards(number).direction }
+    }
+
+    #[test]
+    fn no_light_leaks_into_a_closed_room() {
+        let scene = Scene::of_mesh(&room(), vec![material(0.9, 0.0)], Dome::constant(1.0));
         assert_eq!(mean(&scene, 20, 5000, outwards), Vec3::ZERO);
+    }
+
+    #[test]
+    fn a_closed_room_that_emits_what_it_absorbs_shines_with_one_everywhere() {
+        // L = E + ρ L, so that E = 1 - ρ gives L = 1, whatever the shape of the room.
+        for albedo in [0.3, 0.6, 0.8] {
+            let walls = Material { emission: Vec3::splat(1.0 - albedo), ..material(albedo, 0.0) };
+            let scene = Scene::of_mesh(&room(), vec![walls], Dome::constant(0.0));
+            let light = mean(&scene, 64, 40_000, outwards);
+            assert!((light - 1.0).abs().max_element() < 0.005, "{albedo}: {light}");
+            // A path of one scattering sees the walls and their first reflection.
+            let first = mean(&scene, 1, 2_000, outwards);
+            let expected = (1.0 - albedo) * (1.0 + albedo);
+            assert!((first - expected).abs().max_element() < 1e-4, "{albedo}: {first}");
+        }
     }
 
     #[test]

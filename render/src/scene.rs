@@ -78,6 +78,8 @@ pub struct Scene {
     /// Level of the water's surface.
     pub(crate) water: u32,
     pub(crate) materials: Vec<Material>,
+    /// Whether any material is a light.
+    pub(crate) has_lights: bool,
     pub(crate) colors: Option<Colors>,
     pub(crate) ripples: Ripples,
     pub(crate) dome: Dome,
@@ -113,6 +115,9 @@ const WOOD_VARIATION: f32 = 0.12;
 /// Trees, as far as litter is concerned: what is higher than this, m.
 const TREE_HEIGHT: f32 = 2.0;
 
+/// Radiance beyond which no light goes, kcd/m²: that of the sun's disc is 1.6 million.
+const MOST_RADIANCE: f32 = 1e7;
+
 /// Farthest coordinate of a model from its origin, m: beyond it single precision is too coarse.
 const MODEL_REACH: f32 = 1e5;
 
@@ -143,6 +148,7 @@ impl Scene {
             solid: assembly.levels.len() as u32 - 1,
             water: WATER_LEVEL,
             levels: Levels::new(assembly.levels),
+            has_lights: has_lights(&assembly.materials),
             materials: assembly.materials,
             colors: Some(Colors::new(parts.terrain, &crowns(parts, rows.get(&0)))),
             ripples: Ripples::new(),
@@ -175,6 +181,7 @@ impl Scene {
             levels: Levels::new(vec![Level::mesh(triangles), water, top]),
             solid: 2,
             water: 1,
+            has_lights: has_lights(&materials),
             materials,
             colors: None,
             ripples: Ripples::new(),
@@ -190,6 +197,10 @@ impl Scene {
             statistics: Statistics::default(),
         }
     }
+}
+
+fn has_lights(materials: &[Material]) -> bool {
+    materials.iter().any(|material| material.emission != Vec3::ZERO)
 }
 
 /// Numbers of the levels that every scene begins with.
@@ -271,6 +282,7 @@ impl Assembly {
         let plain = Material {
             reflectance: Vec3::splat(0.2),
             transmittance: Vec3::ZERO,
+            emission: Vec3::ZERO,
             roughness: 1.0,
             variation: 0.0,
             is_ground: false,
@@ -542,14 +554,16 @@ fn material(source: &weald_contract::Material, species: u32) -> Material {
         Vec3::from_array(rgb.map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.0 }))
     };
     let reflectance = clean(source.reflectance);
-    let (transmittance, variation) = match source.surface {
-        Surface::Opaque => (Vec3::ZERO, WOOD_VARIATION),
-        Surface::Leaf { transmittance } => (clean(transmittance), LEAF_VARIATION),
+    let (transmittance, emission, variation) = match source.surface {
+        Surface::Opaque => (Vec3::ZERO, Vec3::ZERO, WOOD_VARIATION),
+        Surface::Leaf { transmittance } => (clean(transmittance), Vec3::ZERO, LEAF_VARIATION),
+        Surface::Light { radiance } => (Vec3::ZERO, shining(radiance), 0.0),
     };
     let excess = (reflectance + transmittance).max_element().max(1.0);
     Material {
         reflectance: reflectance / excess,
         transmittance: transmittance / excess,
+        emission,
         roughness: if source.roughness.is_finite() {
             source.roughness.clamp(0.0, 1.0)
         } else {
@@ -559,6 +573,13 @@ fn material(source: &weald_contract::Material, species: u32) -> Material {
         is_ground: false,
         species,
     }
+}
+
+/// Radiance of a light: what is no number, or below 0, shines not.
+fn shining(radiance: [f32; 3]) -> Vec3 {
+    Vec3::from_array(
+        radiance.map(|c| if c.is_finite() { c.clamp(0.0, MOST_RADIANCE) } else { 0.0 }),
+    )
 }
 
 /// All triangles of a model, organs at each of their places, with materials from `base` on.

@@ -13,6 +13,11 @@ pub enum Surface {
         /// Diffuse transmittance, linear Rec. 709; reflectance + transmittance ≤ 1.
         transmittance: [f32; 3],
     },
+    /// Opaque, and shines of its own: lamps, windows at night.
+    Light {
+        /// Radiance to all sides, linear Rec. 709, luminance in kcd/m².
+        radiance: [f32; 3],
+    },
 }
 
 /// A material.

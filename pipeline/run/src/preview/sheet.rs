@@ -128,7 +128,7 @@ fn add(
     let Some(material) = model.materials.get(mesh.material as usize) else { return };
     let through = match material.surface {
         Surface::Leaf { transmittance } => Vec3::from(transmittance),
-        Surface::Opaque => Vec3::ZERO,
+        Surface::Opaque | Surface::Light { .. } => Vec3::ZERO,
     };
     for triangle in &mesh.triangles {
         let found = triangle.map(|index| mesh.positions.get(index as usize));

@@ -1,7 +1,9 @@
-//! The eye: a pinhole or a thin lens.
+//! The eye: a pinhole or a thin lens, a plan without foreshortening, or a view all around.
 
 use crate::accel::Ray;
 use glam::Vec3;
+use std::f32::consts::{FRAC_PI_2, PI, TAU};
+use weald_contract::Projection;
 
 /// Turns points of the picture into rays.
 #[derive(Clone, Copy, Debug)]
@@ -9,7 +11,9 @@ pub(crate) struct Camera {
     eye: Vec3,
     /// Unit vector towards what is looked at.
     forward: Vec3,
-    /// From the middle of the picture at distance 1 to its right and upper rim.
+    projection: Projection,
+    /// From the middle of the picture to its right and upper rim: at distance 1, or in metres
+    /// when there is no foreshortening.
     right: Vec3,
     up: Vec3,
     lens_radius: f32,
@@ -21,36 +25,73 @@ impl Camera {
     /// A camera at `eye` that looks at `target`, both in scene-local metres.
     ///
     /// `fov` is the horizontal angle of view, `aspect` width over height. Looking straight up or
-    /// down, the top of the picture is north; looking at the eye itself means looking north.
-    pub fn new(eye: Vec3, target: Vec3, fov: f32, aspect: f32, lens_radius: f32) -> Self {
+    /// down, the top of the picture is north; looking at the eye itself means looking north. Only
+    /// a perspective has a lens; a panorama stands upright, with the target in its middle column,
+    /// whatever the angle of view.
+    pub fn new(
+        projection: Projection,
+        eye: Vec3,
+        target: Vec3,
+        fov: f32,
+        aspect: f32,
+        lens_radius: f32,
+    ) -> Self {
+        let focus = (target - eye).length().max(0.05);
         let forward = (target - eye).normalize_or(Vec3::Y);
         let side = forward.cross(Vec3::Z);
         let side = if side.length() > 1e-4 { side.normalize() } else { Vec3::X };
-        let half_width = libm::tanf(0.5 * fov);
+        let half_width = match projection {
+            Projection::Orthographic => focus * libm::tanf(0.5 * fov),
+            Projection::Perspective | Projection::Panorama => libm::tanf(0.5 * fov),
+        };
         Self {
             eye,
             forward,
+            projection,
             right: side * half_width,
             up: side.cross(forward) * (half_width / aspect),
             lens_radius,
-            focus: (target - eye).length().max(0.05),
+            focus,
         }
     }
 
-    /// Distance of a point along the view axis, m.
+    /// Distance of a point along the view axis, m; in a panorama, from the eye.
     pub fn depth(&self, position: Vec3) -> f32 {
-        (position - self.eye).dot(self.forward)
+        let away = position - self.eye;
+        match self.projection {
+            Projection::Panorama => away.length(),
+            Projection::Perspective | Projection::Orthographic => away.dot(self.forward),
+        }
     }
 
     /// The ray through a point of the picture: x from -1 (left) to 1, y from -1 (bottom) to 1;
     /// `lens` picks a point of the lens.
     pub fn ray(&self, x: f32, y: f32, lens: [f32; 2]) -> Ray {
+        match self.projection {
+            Projection::Perspective => self.perspective(x, y, lens),
+            Projection::Orthographic => {
+                Ray { origin: self.eye + x * self.right + y * self.up, direction: self.forward }
+            }
+            Projection::Panorama => Ray { origin: self.eye, direction: self.around(x, y) },
+        }
+    }
+
+    /// The direction of a point of a panorama: longitude along x, latitude along y.
+    fn around(&self, x: f32, y: f32) -> Vec3 {
+        let level = self.forward.with_z(0.0).normalize_or(Vec3::Y);
+        let right = Vec3::new(level.y, -level.x, 0.0);
+        let (sin_x, cos_x) = libm::sincosf(PI * x);
+        let (sin_y, cos_y) = libm::sincosf(FRAC_PI_2 * y);
+        cos_y * (cos_x * level + sin_x * right) + sin_y * Vec3::Z
+    }
+
+    fn perspective(&self, x: f32, y: f32, lens: [f32; 2]) -> Ray {
         let through = self.forward + x * self.right + y * self.up;
         if self.lens_radius == 0.0 {
             return Ray { origin: self.eye, direction: through.normalize() };
         }
         let radius = self.lens_radius * lens[0].sqrt();
-        let (sin, cos) = libm::sincosf(std::f32::consts::TAU * lens[1]);
+        let (sin, cos) = libm::sincosf(TAU * lens[1]);
         let offset =
             radius * (cos * self.right.normalize_or(Vec3::X) + sin * self.up.normalize_or(Vec3::Z));
         let origin = self.eye + offset;
@@ -106,10 +147,14 @@ impl Filter {
 mod tests {
     use super::*;
 
+    fn perspective(eye: Vec3, target: Vec3, fov: f32, aspect: f32, lens_radius: f32) -> Camera {
+        Camera::new(Projection::Perspective, eye, target, fov, aspect, lens_radius)
+    }
+
     #[test]
     fn the_middle_of_the_picture_is_the_target_and_the_rim_is_half_the_angle_away() {
         let fov = 60f32.to_radians();
-        let camera = Camera::new(Vec3::ZERO, Vec3::new(0.0, 10.0, 0.0), fov, 1.5, 0.0);
+        let camera = perspective(Vec3::ZERO, Vec3::new(0.0, 10.0, 0.0), fov, 1.5, 0.0);
         assert!(camera.ray(0.0, 0.0, [0.5; 2]).direction.abs_diff_eq(Vec3::Y, 1e-6));
         let right = camera.ray(1.0, 0.0, [0.5; 2]).direction;
         assert!((right.angle_between(Vec3::Y) - fov / 2.0).abs() < 1e-4);
@@ -117,10 +162,48 @@ mod tests {
         assert!(camera.ray(0.0, 1.0, [0.5; 2]).direction.z > 0.0);
     }
 
+    fn orthographic(eye: Vec3, target: Vec3, fov_deg: f32) -> Camera {
+        let fov = fov_deg.to_radians();
+        Camera::new(Projection::Orthographic, eye, target, fov, 2.0, 0.0)
+    }
+
+    #[test]
+    fn a_plan_keeps_its_scale_at_every_depth_and_is_as_wide_as_the_perspective_at_its_target() {
+        let target = Vec3::new(30.0, 40.0, 0.0);
+        let camera = orthographic(target.with_z(100.0), target, 90.0);
+        for (x, y) in [(-1.0, 0.5), (0.0, 0.0), (1.0, -1.0)] {
+            let ray = camera.ray(x, y, [0.3; 2]);
+            assert!(ray.direction.abs_diff_eq(-Vec3::Z, 1e-6));
+            // 2 · 100 m · tan 45° across, half as much from south (below) to north (above).
+            let place = Vec3::new(30.0 + 100.0 * x, 40.0 + 50.0 * y, 100.0);
+            assert!(ray.origin.abs_diff_eq(place, 1e-3), "{} {place}", ray.origin);
+            assert!((camera.depth(ray.origin + 7.0 * ray.direction) - 7.0).abs() < 1e-4);
+        }
+    }
+
+    #[test]
+    fn a_panorama_sees_every_direction_once_with_east_to_the_right_of_north() {
+        let (eye, target) = (Vec3::new(1.0, 2.0, 3.0), Vec3::new(1.0, 22.0, -5.0));
+        let camera = Camera::new(Projection::Panorama, eye, target, 1.0, 2.0, 0.1);
+        let at = |x, y| camera.ray(x, y, [0.7; 2]).direction;
+        for (x, y, direction) in [
+            (0.0, 0.0, Vec3::Y),
+            (0.5, 0.0, Vec3::X),
+            (-0.5, 0.0, -Vec3::X),
+            (1.0, 0.0, -Vec3::Y),
+            (0.3, 1.0, Vec3::Z),
+            (0.3, -1.0, -Vec3::Z),
+            (0.0, 0.5, Vec3::new(0.0, 1.0, 1.0).normalize()),
+        ] {
+            assert!(at(x, y).abs_diff_eq(direction, 1e-6), "{x}, {y}: {}", at(x, y));
+        }
+        assert!((camera.depth(eye + 4.0 * at(0.9, 0.2)) - 4.0).abs() < 1e-5);
+    }
+
     #[test]
     fn all_rays_through_a_lens_meet_at_the_target() {
         let target = Vec3::new(3.0, 4.0, 1.0);
-        let camera = Camera::new(Vec3::ZERO, target, 1.0, 1.0, 0.2);
+        let camera = perspective(Vec3::ZERO, target, 1.0, 1.0, 0.2);
         for i in 0..20 {
             let ray = camera.ray(0.0, 0.0, [i as f32 / 20.0, i as f32 * 0.37 % 1.0]);
             let nearest = ray.origin + ray.direction * (target - ray.origin).dot(ray.direction);
@@ -130,9 +213,9 @@ mod tests {
 
     #[test]
     fn looking_straight_down_is_no_special_case_for_the_caller() {
-        let camera = Camera::new(Vec3::Z, Vec3::ZERO, 1.0, 1.0, 0.0);
+        let camera = perspective(Vec3::Z, Vec3::ZERO, 1.0, 1.0, 0.0);
         assert!(camera.ray(0.3, 0.3, [0.0; 2]).direction.is_finite());
-        assert!(Camera::new(Vec3::Z, Vec3::Z, 1.0, 1.0, 0.0).forward.is_finite());
+        assert!(perspective(Vec3::Z, Vec3::Z, 1.0, 1.0, 0.0).forward.is_finite());
     }
 
     #[test]

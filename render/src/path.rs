@@ -99,7 +99,8 @@ fn camera(scene: &Scene, view: &View, config: &Config) -> Camera {
     let aspect = config.resolution[0] as f32 / config.resolution[1] as f32;
     let lens_radius = config.aperture_mm * 0.5e-3;
     let fov = (view.fov_deg as f32).to_radians();
-    Camera::new(local(sight.eye), local(sight.target), fov, aspect, lens_radius)
+    let (eye, target) = (local(sight.eye), local(sight.target));
+    Camera::new(view.projection, eye, target, fov, aspect, lens_radius)
 }
 
 /// A rendering, the same for all threads.
@@ -844,6 +845,7 @@ mod tests {
             look_at: [0.0, 0.0],
             look_height: 0.0,
             fov_deg: 50.0,
+            projection: weald_contract::Projection::Perspective,
         };
         render(scene, &view, &config, Seed(seed), &Silent).unwrap()
     }
@@ -899,6 +901,7 @@ mod tests {
             look_at: [1.0; 2],
             look_height: 0.0,
             fov_deg: 50.0,
+            projection: weald_contract::Projection::Perspective,
         };
         let result = render(&scene, &view, &config, Seed(1), &Stop);
         assert!(matches!(result, Err(Error::Cancelled)));

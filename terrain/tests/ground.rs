@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use weald_contract::{
-    Crs, Frame, FromToml, Grid, Layers, Problem, Raster, Seed, Silent, Value, View,
+    Crs, Frame, FromToml, Grid, Layers, Problem, Projection, Raster, Seed, Silent, Value, View,
 };
 use weald_terrain::{Config, Error, build};
 
@@ -36,6 +36,7 @@ fn view() -> View {
         look_at: [50.0, 60.0],
         look_height: 1.0,
         fov_deg: 50.0,
+        projection: Projection::Perspective,
     }
 }
 

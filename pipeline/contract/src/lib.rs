@@ -39,4 +39,4 @@ pub use size::Size;
 pub use source::{Problem, Problems, Source, Sources, Span};
 pub use species::{GroupMember, GroupRecipe, Species};
 pub use table::{FromToml, Value, Written};
-pub use view::View;
+pub use view::{Projection, View};

@@ -2,6 +2,20 @@
 
 use crate::layers::Layers;
 
+crate::words! {
+    /// How the directions of a view become a flat picture.
+    pub enum Projection {
+        /// As a photograph: `fov_deg` across.
+        Perspective = "perspective",
+        /// Without foreshortening, as a plan or an elevation: as wide as the perspective view is
+        /// at the point that is looked at.
+        Orthographic = "orthographic",
+        /// All around and from straight down to straight up, the point that is looked at in the
+        /// middle column: 360° by 180° for a picture twice as wide as high.
+        Panorama = "panorama",
+    }
+}
+
 crate::table! {
     /// A view of the scene.
     pub struct View {
@@ -17,6 +31,8 @@ crate::table! {
         look_height: f64 = 1.0, in -1000.0..=100000.0;
         /// Horizontal angle of view, degrees.
         fov_deg: f64 = 50.0, in 1.0..=170.0;
+        /// How directions become a flat picture.
+        projection: Projection = Projection::Perspective;
     }
 }
 

@@ -10,7 +10,7 @@ use crate::scene::{Scene, SceneInput, SceneSpecies};
 use serde::Serialize;
 use serde_json::{Map, Value as Json, json};
 use std::collections::BTreeMap;
-use weald_contract::{GroupRecipe, Size, Species, View};
+use weald_contract::{GroupRecipe, Projection, Size, Species, View};
 
 /// What rendering leaves as it is but a draft makes smaller.
 pub const DRAFT_RESOLUTION: [u32; 2] = [480, 270];
@@ -48,6 +48,7 @@ pub fn places_named(scene: &Scene, table: &impl Serialize) -> Vec<View> {
         look_at: view.stand_at,
         look_height: 0.0,
         fov_deg: 0.0,
+        projection: Projection::Perspective,
     };
     named.map(place).collect()
 }

@@ -7,11 +7,15 @@
 //! - [`ripley`]: Ripley's K, Besag's L and the pair correlation g;
 //! - [`nearest`]: the distribution G of distances to the nearest neighbour, Clark and Evans;
 //! - [`size`]: inequality and moments of sizes;
-//! - [`thinning`]: lines through a stand's density and mean size.
+//! - [`thinning`]: lines through a stand's density and mean size, Reineke's density index;
+//! - [`plateau`]: the part of a stand's history that such a line may be fitted to;
+//! - [`regression`]: lines of quantile regression.
 
 pub mod nearest;
 mod neighbors;
 mod pattern;
+pub mod plateau;
+pub mod regression;
 mod report;
 pub mod ripley;
 pub mod size;
@@ -20,10 +24,12 @@ pub mod thinning;
 
 pub use nearest::{ClarkEvans, clark_evans};
 pub use pattern::{Error, Pattern, Table, Window};
+pub use plateau::{EarlyStart, Plateau, plateau};
+pub use regression::{QuantileLine, quantile_line};
 pub use report::Report;
 pub use ripley::{Correction, Divisor, pair_correlation, ripley_k};
 pub use size::{SizeClass, Sizes, gini, quantile, size_classes};
-pub use thinning::{Line, StandState, ThinningLine, thinning_line};
+pub use thinning::{Line, StandDensity, StandState, ThinningLine, thinning_line};
 
 weald_contract::words! {
     /// A function of distance.
@@ -37,6 +43,11 @@ weald_contract::words! {
         /// Pair correlation: density of points at distance r of a point, over the mean density.
         Pcf = "pcf",
     }
+}
+
+impl Statistic {
+    /// All of them, in the order in which they are listed to people.
+    pub const ALL: [Self; 4] = [Self::K, Self::L, Self::G, Self::Pcf];
 }
 
 /// Computes a table for each statistic, with a row for each radius.

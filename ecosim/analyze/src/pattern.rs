@@ -113,6 +113,27 @@ pub enum Error {
         /// Points there are.
         points: usize,
     },
+    /// Two patterns that were not observed in the same place.
+    #[error("the two patterns have different windows; one window for both is right")]
+    Windows,
+    /// A statistic for which types cannot be dealt out anew.
+    #[error("{statistic} has no envelope by types; K, L and pcf have")]
+    NotByLabels {
+        /// Its name.
+        statistic: &'static str,
+    },
+    /// The caller asked to stop.
+    #[error("stopped before it was done")]
+    Cancelled,
+    /// A stand whose cover does not level off.
+    #[error(
+        "cover does not level off (it ends at {last:.4}); a thinning line begins where crowns have \
+         closed: watch the stand longer, or give the window"
+    )]
+    NoPlateau {
+        /// Cover of the last state.
+        last: f64,
+    },
     /// All values equal where a line or a spread needs two.
     #[error("all {what} are equal")]
     NoSpread {

@@ -5,6 +5,7 @@
 //! both alike and is the usual choice for allometry [Warton06].
 
 use crate::pattern::Error;
+use crate::regression::{QuantileLine, quantile_line};
 use crate::student::two_sided_quantile;
 
 /// A stand at one time.
@@ -37,6 +38,10 @@ pub struct ThinningLine {
     pub least_squares: Line,
     /// By the standardized major axis.
     pub major_axis: Line,
+    /// The line below which half of the states lie, in decimal logarithms.
+    pub median: QuantileLine,
+    /// The line below which 95 % of the states lie: the limit that stands approach.
+    pub upper: QuantileLine,
     /// Square of the correlation.
     pub r_squared: f64,
 }
@@ -111,7 +116,70 @@ fn fit(points: &[[f64; 2]]) -> Result<ThinningLine, Error> {
     let b = t * t * (1.0 - r_squared).max(0.0) / freedom;
     let ends = [(b + 1.0).sqrt() - b.sqrt(), (b + 1.0).sqrt() + b.sqrt()].map(|f| slope * f);
     let major_axis = line(slope, [ends[0].min(ends[1]), ends[0].max(ends[1])]);
-    Ok(ThinningLine { states: points.len(), least_squares, major_axis, r_squared })
+    let median = quantile_line(points, 0.5)?;
+    let upper = quantile_line(points, 0.95)?;
+    let states = points.len();
+    Ok(ThinningLine { states, least_squares, major_axis, median, upper, r_squared })
+}
+
+/// Reineke's density of a stand: how crowded it is, whatever its age [Reineke33].
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct StandDensity {
+    /// Stems on a hectare.
+    pub stems_per_hectare: f64,
+    /// Root of the mean square of the diameters at breast height, cm.
+    pub quadratic_mean_cm: f64,
+    /// Cross-section of the stems at breast height on a hectare, m².
+    pub basal_area: f64,
+    /// Stems on a hectare of a stand as crowded whose quadratic mean diameter is ten inches.
+    pub index: f64,
+}
+
+/// Reineke's reference diameter, ten inches, in cm.
+const REFERENCE_CM: f64 = 25.4;
+
+/// Slope of ln N over ln Dq in fully stocked stands, with the sign turned [Reineke33].
+const REINEKE_SLOPE: f64 = 1.605;
+
+impl StandDensity {
+    /// Describes the stems of an area by their diameters at breast height in cm.
+    ///
+    /// # Errors
+    /// No stem; a diameter that is negative or not finite, named by its row; all diameters zero;
+    /// an area that is not positive.
+    pub fn of(diameters_cm: &[f64], area_m2: f64) -> Result<Self, Error> {
+        if diameters_cm.is_empty() {
+            return Err(Error::TooFew { what: "stems", found: 0, needed: 1 });
+        }
+        if !(area_m2.is_finite() && area_m2 > 0.0) {
+            let right = "a positive area in square metres is right";
+            return Err(Error::BadValue { what: "the area", row: 0, value: area_m2, right });
+        }
+        let bad = |diameter: &f64| !(diameter.is_finite() && *diameter >= 0.0);
+        if let Some(row) = diameters_cm.iter().position(bad) {
+            let right = "a finite number of at least 0 is right";
+            let value = diameters_cm[row];
+            return Err(Error::BadValue { what: "the diameter", row, value, right });
+        }
+        let squares: f64 = diameters_cm.iter().map(|diameter| diameter * diameter).sum();
+        if squares <= 0.0 {
+            return Err(Error::BadValue {
+                what: "the diameter",
+                row: 0,
+                value: 0.0,
+                right: "at least one above 0 is right",
+            });
+        }
+        /// Square metres of a hectare.
+        const HECTARE: f64 = 1e4;
+        let n = diameters_cm.len() as f64;
+        let stems_per_hectare = n * HECTARE / area_m2;
+        let quadratic_mean_cm = (squares / n).sqrt();
+        // π/4 d², d in cm: 1e-4 makes it m².
+        let basal_area = std::f64::consts::FRAC_PI_4 * squares * 1e-4 * HECTARE / area_m2;
+        let index = stems_per_hectare * libm::pow(quadratic_mean_cm / REFERENCE_CM, REINEKE_SLOPE);
+        Ok(Self { stems_per_hectare, quadratic_mean_cm, basal_area, index })
+    }
 }
 
 #[cfg(test)]
@@ -143,6 +211,21 @@ mod tests {
             thinning_line(states, [0.0, f64::INFINITY]).unwrap().major_axis.slope
         };
         assert!((slope(&states) * slope(&swapped) - 1.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_stand_of_ten_inch_stems_has_its_stem_number_as_density_index() {
+        let stand = StandDensity::of(&[25.4; 50], 1000.0).unwrap();
+        assert!(
+            (stand.stems_per_hectare - 500.0).abs() < 1e-9 && (stand.index - 500.0).abs() < 1e-9
+        );
+        // π/4 · 0.254² m² a stem.
+        assert!((stand.basal_area - 25.335_374).abs() < 1e-6);
+        // Along Reineke's line stems of double diameter are fewer by 2^1.605.
+        let twice = StandDensity::of(&[50.8; 50], 1000.0 * 2f64.powf(1.605)).unwrap();
+        assert!((twice.index - stand.index).abs() < 1e-9);
+        assert!(matches!(StandDensity::of(&[1.0, -2.0], 9.0), Err(Error::BadValue { row: 1, .. })));
+        assert!(StandDensity::of(&[0.0], 9.0).is_err());
     }
 
     #[test]

@@ -5,16 +5,20 @@
 //! agree with it to 1e-9 where distances do not tie with radii.
 //!
 //! - [`ripley`]: Ripley's K, Besag's L and the pair correlation g;
-//! - [`nearest`]: the distribution G of distances to the nearest neighbour, Clark and Evans;
+//! - [`nearest`]: the distributions G and F of distances to the nearest point, J, Clark and Evans;
+//! - [`marks`]: how sizes depend on those of neighbours;
+//! - [`quadrats`]: counts in rectangles, Morisita's index;
 //! - [`size`]: inequality and moments of sizes;
 //! - [`thinning`]: lines through a stand's density and mean size, Reineke's density index;
 //! - [`plateau`]: the part of a stand's history that such a line may be fitted to;
 //! - [`regression`]: lines of quantile regression.
 
+pub mod marks;
 pub mod nearest;
 mod neighbors;
 mod pattern;
 pub mod plateau;
+pub mod quadrats;
 pub mod regression;
 mod report;
 pub mod ripley;
@@ -22,9 +26,11 @@ pub mod size;
 mod student;
 pub mod thinning;
 
+pub use marks::mark_correlation;
 pub use nearest::{ClarkEvans, clark_evans};
 pub use pattern::{Error, Pattern, Table, Window};
 pub use plateau::{EarlyStart, Plateau, plateau};
+pub use quadrats::Quadrats;
 pub use regression::{QuantileLine, quantile_line};
 pub use report::Report;
 pub use ripley::{Correction, Divisor, pair_correlation, ripley_k};
@@ -40,6 +46,10 @@ weald_contract::words! {
         L = "L",
         /// Distribution of the distance to the nearest neighbour.
         G = "G",
+        /// Distribution of the distance from any place to the nearest point.
+        F = "F",
+        /// `(1 - G) / (1 - F)`.
+        J = "J",
         /// Pair correlation: density of points at distance r of a point, over the mean density.
         Pcf = "pcf",
     }
@@ -47,13 +57,14 @@ weald_contract::words! {
 
 impl Statistic {
     /// All of them, in the order in which they are listed to people.
-    pub const ALL: [Self; 4] = [Self::K, Self::L, Self::G, Self::Pcf];
+    pub const ALL: [Self; 6] = [Self::K, Self::L, Self::G, Self::F, Self::J, Self::Pcf];
 }
 
 /// Computes a table for each statistic, with a row for each radius.
 ///
 /// `K` and `L` have the columns `r, theo, un, border, trans, iso`; `G` has
-/// `r, theo, raw, rs, km, han`; `pcf` has `r, theo, trans`. `theo` is the value for points spread
+/// `r, theo, raw, rs, km, han`; `F` has `r, theo, raw, rs, km, cs`; `J` has
+/// `r, theo, un, rs, km, han`; `pcf` has `r, theo, trans`. `theo` is the value for points spread
 /// at random. Numbers that do not exist, such as those of the border method once no point is that
 /// far from the rim, are NaN.
 ///
@@ -68,6 +79,8 @@ pub fn statistics(
         Statistic::K => ripley::k_table(pattern, radii),
         Statistic::L => ripley::l_table(pattern, radii),
         Statistic::G => nearest::g_table(pattern, radii),
+        Statistic::F => nearest::f_table(pattern, radii),
+        Statistic::J => nearest::j_table(pattern, radii),
         Statistic::Pcf => ripley::pcf_table(pattern, radii),
     };
     wanted.iter().map(table).collect()

@@ -13,6 +13,8 @@ pub(crate) struct Cells {
     starts: Vec<usize>,
     /// The points, cell by cell.
     pub points: Vec<[f64; 2]>,
+    /// Number of each of them in the pattern.
+    pub numbers: Vec<usize>,
 }
 
 impl Cells {
@@ -31,6 +33,7 @@ impl Cells {
             count,
             starts: vec![0; count[0] * count[1] + 1],
             points: vec![[0.0; 2]; pattern.len()],
+            numbers: vec![0; pattern.len()],
         };
         cells.fill(pattern.points());
         cells
@@ -50,9 +53,10 @@ impl Cells {
             self.starts[cell] += self.starts[cell - 1];
         }
         let mut next = self.starts.clone();
-        for point in points {
+        for (index, point) in points.iter().enumerate() {
             let cell = number(self, *point);
             self.points[next[cell]] = *point;
+            self.numbers[next[cell]] = index;
             next[cell] += 1;
         }
     }
@@ -70,20 +74,25 @@ impl Cells {
         self.starts[first + columns.start()]..self.starts[first + columns.end() + 1]
     }
 
-    /// Calls `visit` with the square of the distance and the difference in place for every other
-    /// point that is at most `reach` from point `index`, in a fixed order.
+    /// Calls `visit` with number, square of the distance and difference in place for every point
+    /// that is at most `reach` from a place in the window, in a fixed order.
     ///
     /// `reach` is at most that of [`Cells::new`].
-    pub fn for_near(&self, index: usize, reach: f64, mut visit: impl FnMut(f64, [f64; 2])) {
-        let [x, y] = self.points[index];
-        let [column, row] = self.cell([x, y]);
+    pub fn for_around(
+        &self,
+        place: [f64; 2],
+        reach: f64,
+        mut visit: impl FnMut(usize, f64, [f64; 2]),
+    ) {
+        let [x, y] = place;
+        let [column, row] = self.cell(place);
         let columns = column.saturating_sub(1)..=(column + 1).min(self.count[0] - 1);
         for row in row.saturating_sub(1)..=(row + 1).min(self.count[1] - 1) {
             for other in self.run(row, columns.clone()) {
                 let apart = [self.points[other][0] - x, self.points[other][1] - y];
                 let squared = apart[0] * apart[0] + apart[1] * apart[1];
-                if squared <= reach * reach && other != index {
-                    visit(squared, apart);
+                if squared <= reach * reach {
+                    visit(other, squared, apart);
                 }
             }
         }
@@ -91,7 +100,13 @@ impl Cells {
 
     /// Distance from point `index` to the nearest other one; infinite if it is alone.
     pub fn nearest(&self, index: usize) -> f64 {
-        let here = self.cell(self.points[index]);
+        self.nearest_to(self.points[index], Some(index))
+    }
+
+    /// Distance from a place in the window to the nearest point but `except`; infinite if there
+    /// is none.
+    pub fn nearest_to(&self, place: [f64; 2], except: Option<usize>) -> f64 {
+        let here = self.cell(place);
         let step = self.size[0].min(self.size[1]);
         let mut nearest = f64::INFINITY;
         for ring in 0..self.count[0].max(self.count[1]) {
@@ -100,8 +115,8 @@ impl Cells {
                 break;
             }
             self.for_ring(here, ring, |other| {
-                let [dx, dy] = [0, 1].map(|a| self.points[other][a] - self.points[index][a]);
-                if other != index {
+                let [dx, dy] = [0, 1].map(|axis| self.points[other][axis] - place[axis]);
+                if except != Some(other) {
                     nearest = nearest.min(dx * dx + dy * dy);
                 }
             });
@@ -155,7 +170,7 @@ mod tests {
                 let distances: Vec<f64> =
                     others.map(|other| distance(here, cells.points[other])).collect();
                 let mut count = 0;
-                cells.for_near(index, reach, |_, _| count += 1);
+                cells.for_around(here, reach, |other, _, _| count += usize::from(other != index));
                 // Squares decide, so a distance of exactly `reach` may round either way.
                 let sure = distances.iter().filter(|d| **d < reach * (1.0 - 1e-12)).count();
                 let most = distances.iter().filter(|d| **d <= reach * (1.0 + 1e-12)).count();

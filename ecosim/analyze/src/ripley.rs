@@ -31,8 +31,7 @@ const ALL: [Correction; 4] =
 /// Largest weight of a pair: beyond it one pair would outvote all others. As in spatstat.
 const MOST_WEIGHT: f64 = 100.0;
 
-/// Points whose pairs one task sums. Partial sums are added in order, so the result does not
-/// depend on the number of threads.
+/// Points whose pairs one task sums.
 const CHUNK: usize = 1024;
 
 /// Ripley's K at rising radii.
@@ -57,60 +56,183 @@ fn ks(
 ) -> Result<Vec<Vec<f64>>, Error> {
     pattern.check_pairs()?;
     check_radii(radii)?;
-    let sums = pair_sums(pattern, radii, corrections);
+    let cells = Cells::new(pattern, reach_of(radii));
+    let sums = Around::itself(pattern, &cells).sums(radii, corrections, |_, _| 1.0);
     let n = pattern.len() as f64;
     let pairs = pattern.intensity() * (n - 1.0);
     let k = |(correction, sums): (&Correction, Vec<f64>)| match correction {
-        Correction::Border => border_ratio(pattern, radii, &sums),
+        Correction::Border => border_ratio(pattern, radii, &sums, |_| pattern.intensity()),
         _ => sums.into_iter().map(|sum| sum / pairs).collect(),
     };
     Ok(corrections.iter().zip(sums).map(k).collect())
 }
 
-/// For each correction and radius the weights of all ordered pairs up to that radius.
-fn pair_sums(pattern: &Pattern, radii: &[f64], corrections: &[Correction]) -> Vec<Vec<f64>> {
-    let reach = radii.last().copied().unwrap_or(0.0);
-    let cells = Cells::new(pattern, reach);
-    let window = pattern.window();
-    let chunk = |first: usize| {
-        let mut steps = vec![vec![0.0; radii.len() + 1]; corrections.len()];
-        for index in first..(first + CHUNK).min(pattern.len()) {
-            let center = cells.points[index];
-            let border = window.border_distance(center);
-            // First radius at which this point is too near the rim.
-            let leaves = radii.partition_point(|r| *r <= border);
-            cells.for_near(index, reach, |squared, apart| {
-                let distance = squared.sqrt();
-                let bin = radii.partition_point(|r| *r < distance);
-                for (correction, steps) in corrections.iter().zip(&mut steps) {
-                    match correction {
-                        Correction::None => steps[bin] += 1.0,
-                        Correction::Border if bin < leaves => {
-                            steps[bin] += 1.0;
-                            steps[leaves] -= 1.0;
-                        }
-                        Correction::Border => {}
-                        Correction::Translation => steps[bin] += translation(window, apart),
-                        Correction::Isotropic if border >= distance => steps[bin] += 1.0,
-                        Correction::Isotropic => {
-                            steps[bin] += isotropic(window, center, distance);
+/// Cross K for several corrections: pairs of a point of one pattern with one of another.
+fn cross_ks(
+    from: &Pattern,
+    to: &Pattern,
+    radii: &[f64],
+    corrections: &[Correction],
+) -> Result<Vec<Vec<f64>>, Error> {
+    check_cross(from, to)?;
+    check_radii(radii)?;
+    let cells = Cells::new(to, reach_of(radii));
+    let sums = Around::others(from, &cells).sums(radii, corrections, |_, _| 1.0);
+    let pairs = from.intensity() * to.len() as f64;
+    let k = |(correction, sums): (&Correction, Vec<f64>)| match correction {
+        Correction::Border => border_ratio(from, radii, &sums, |_| to.intensity()),
+        _ => sums.into_iter().map(|sum| sum / pairs).collect(),
+    };
+    Ok(corrections.iter().zip(sums).map(k).collect())
+}
+
+/// Refuses two patterns that have no pair or were not observed in one window.
+pub(crate) fn check_cross(from: &Pattern, to: &Pattern) -> Result<(), Error> {
+    let found = from.len().min(to.len());
+    if found == 0 {
+        return Err(Error::TooFew { what: "points of a type", found, needed: 1 });
+    }
+    if from.window() != to.window() {
+        return Err(Error::Windows);
+    }
+    Ok(())
+}
+
+/// K of points whose density varies from place to place: 1 / λ is the weight of a point
+/// [BaddeleyMW00].
+///
+/// One of the two weights of a pair is scaled so that all sum to the area, as spatstat does by
+/// default: an error of the overall level enters once and not twice. With the constant intensity
+/// n / A this is K with n² in place of n (n - 1).
+fn inhomogeneous_ks(
+    pattern: &Pattern,
+    intensity: &[f64],
+    radii: &[f64],
+    corrections: &[Correction],
+) -> Result<Vec<Vec<f64>>, Error> {
+    pattern.check_pairs()?;
+    check_radii(radii)?;
+    let weights = intensity_weights(pattern, intensity)?;
+    let cells = Cells::new(pattern, reach_of(radii));
+    // In the order of the cells, in which pairs are met.
+    let sorted: Vec<f64> = cells.numbers.iter().map(|number| weights[*number]).collect();
+    let sums =
+        Around::itself(pattern, &cells).sums(radii, corrections, |i, j| sorted[i] * sorted[j]);
+    let area = pattern.window().area();
+    let level = area / weights.iter().sum::<f64>();
+    let k = |(correction, sums): (&Correction, Vec<f64>)| match correction {
+        Correction::Border => {
+            let k = border_ratio(pattern, radii, &sums, |point| weights[point]);
+            k.into_iter().map(|k| k * level).collect()
+        }
+        _ => sums.into_iter().map(|sum| sum * level / area).collect(),
+    };
+    Ok(corrections.iter().zip(sums).map(k).collect())
+}
+
+fn intensity_weights(pattern: &Pattern, intensity: &[f64]) -> Result<Vec<f64>, Error> {
+    if intensity.len() != pattern.len() {
+        return Err(Error::Unmatched { sizes: intensity.len(), points: pattern.len() });
+    }
+    let weight = |(row, value): (usize, &f64)| {
+        let right = "a finite number above 0 is right";
+        let error = Error::BadValue { what: "the intensity", row, value: *value, right };
+        if value.is_finite() && *value > 0.0 { Ok(1.0 / value) } else { Err(error) }
+    };
+    intensity.iter().enumerate().map(weight).collect()
+}
+
+/// The largest radius.
+fn reach_of(radii: &[f64]) -> f64 {
+    radii.last().copied().unwrap_or(0.0)
+}
+
+/// Centres, and the points that are looked for around them.
+struct Around<'a> {
+    centers: &'a [[f64; 2]],
+    window: &'a Window,
+    cells: &'a Cells,
+    /// Whether centres are the points of the cells, in their order: none is its own neighbour.
+    is_itself: bool,
+}
+
+impl<'a> Around<'a> {
+    fn itself(pattern: &'a Pattern, cells: &'a Cells) -> Self {
+        Self { centers: &cells.points, window: pattern.window(), cells, is_itself: true }
+    }
+
+    fn others(from: &'a Pattern, cells: &'a Cells) -> Self {
+        Self { centers: from.points(), window: from.window(), cells, is_itself: false }
+    }
+
+    /// Runs `add` over all centres in chunks; what each chunk gathers, in order.
+    ///
+    /// Partial sums are added in this order, so nothing depends on the number of threads.
+    fn in_chunks<T: Send>(&self, gather: impl Fn(std::ops::Range<usize>) -> T + Sync) -> Vec<T> {
+        let n = self.centers.len();
+        let firsts: Vec<usize> = (0..n).step_by(CHUNK).collect();
+        firsts.into_par_iter().map(|first| gather(first..(first + CHUNK).min(n))).collect()
+    }
+
+    /// Visits the neighbours of a centre with their number, squared distance and offset.
+    fn visit(&self, center: usize, reach: f64, mut visit: impl FnMut(usize, f64, [f64; 2])) {
+        self.cells.for_around(self.centers[center], reach, |other, squared, apart| {
+            if !(self.is_itself && other == center) {
+                visit(other, squared, apart);
+            }
+        });
+    }
+
+    /// For each correction and radius the weights of all ordered pairs up to that radius.
+    fn sums(
+        &self,
+        radii: &[f64],
+        corrections: &[Correction],
+        weight: impl Fn(usize, usize) -> f64 + Sync,
+    ) -> Vec<Vec<f64>> {
+        let reach = reach_of(radii);
+        let chunk = |centers: std::ops::Range<usize>| {
+            let mut steps = vec![vec![0.0; radii.len() + 1]; corrections.len()];
+            for index in centers {
+                let center = self.centers[index];
+                let border = self.window.border_distance(center);
+                // First radius at which this point is too near the rim.
+                let leaves = radii.partition_point(|r| *r <= border);
+                self.visit(index, reach, |other, squared, apart| {
+                    let distance = squared.sqrt();
+                    let bin = radii.partition_point(|r| *r < distance);
+                    let pair = weight(index, other);
+                    for (correction, steps) in corrections.iter().zip(&mut steps) {
+                        match correction {
+                            Correction::None => steps[bin] += pair,
+                            Correction::Border if bin < leaves => {
+                                steps[bin] += pair;
+                                steps[leaves] -= pair;
+                            }
+                            Correction::Border => {}
+                            Correction::Translation => {
+                                steps[bin] += pair * translation(self.window, apart);
+                            }
+                            Correction::Isotropic if border >= distance => steps[bin] += pair,
+                            Correction::Isotropic => {
+                                steps[bin] += pair * isotropic(self.window, center, distance);
+                            }
                         }
                     }
-                }
-            });
-        }
-        steps
-    };
-    let firsts: Vec<usize> = (0..pattern.len()).step_by(CHUNK).collect();
-    let parts: Vec<Vec<Vec<f64>>> = firsts.into_par_iter().map(chunk).collect();
-    let column = |correction: usize| {
-        let mut steps = vec![0.0; radii.len()];
-        for part in &parts {
-            steps.iter_mut().zip(&part[correction]).for_each(|(sum, step)| *sum += step);
-        }
-        running_sum(steps)
-    };
-    (0..corrections.len()).map(column).collect()
+                });
+            }
+            steps
+        };
+        let parts = self.in_chunks(chunk);
+        let column = |correction: usize| {
+            let mut steps = vec![0.0; radii.len()];
+            for part in &parts {
+                steps.iter_mut().zip(&part[correction]).for_each(|(sum, step)| *sum += step);
+            }
+            running_sum(steps)
+        };
+        (0..corrections.len()).map(column).collect()
+    }
 }
 
 fn running_sum(mut values: Vec<f64>) -> Vec<f64> {
@@ -122,16 +244,43 @@ fn running_sum(mut values: Vec<f64>) -> Vec<f64> {
     values
 }
 
-/// K by the border method: pairs about the points that are at least r inside, over their number.
-fn border_ratio(pattern: &Pattern, radii: &[f64], pairs: &[f64]) -> Vec<f64> {
-    let mut borders: Vec<f64> =
-        pattern.points().iter().map(|point| pattern.window().border_distance(*point)).collect();
-    borders.sort_by(f64::total_cmp);
-    let k = |(r, pairs): (&f64, &f64)| {
-        let inside = borders.len() - borders.partition_point(|border| border < r);
-        pairs / (pattern.intensity() * inside as f64)
+/// K by the border method: weights of the pairs about the points that are at least r inside, over
+/// the weights of those points.
+fn border_ratio(
+    pattern: &Pattern,
+    radii: &[f64],
+    pairs: &[f64],
+    weight: impl Fn(usize) -> f64,
+) -> Vec<f64> {
+    let mut borders: Vec<(f64, f64)> = pattern
+        .points()
+        .iter()
+        .enumerate()
+        .map(|(index, point)| (pattern.window().border_distance(*point), weight(index)))
+        .collect();
+    borders.sort_by(|a, b| b.0.total_cmp(&a.0));
+    let total = running_sum(borders.iter().map(|(_, weight)| *weight).collect());
+    let k = |(r, pairs): (&f64, &f64)| match borders.partition_point(|(border, _)| border >= r) {
+        0 => f64::NAN,
+        inside => pairs / total[inside - 1],
     };
     radii.iter().zip(pairs).map(k).collect()
+}
+
+/// Weight of a pair by an edge correction that weights pairs, and 1 by the others.
+pub(crate) fn pair_weight(
+    correction: Correction,
+    window: &Window,
+    center: [f64; 2],
+    distance: f64,
+    apart: [f64; 2],
+) -> f64 {
+    match correction {
+        Correction::None | Correction::Border => 1.0,
+        Correction::Translation => translation(window, apart),
+        Correction::Isotropic if window.border_distance(center) >= distance => 1.0,
+        Correction::Isotropic => isotropic(window, center, distance),
+    }
 }
 
 /// Weight of a pair by the window's overlap with itself, moved by the pair's offset.
@@ -170,25 +319,69 @@ fn to_corner(to_side: f64, to_next: f64) -> f64 {
     if to_side == 0.0 && to_next == 0.0 { PI / 4.0 } else { libm::atan2(to_next, to_side) }
 }
 
-pub(crate) fn k_table(pattern: &Pattern, radii: &[f64]) -> Result<Table, Error> {
+fn table_of(name: &'static str, radii: &[f64], ks: Vec<Vec<f64>>) -> Table {
     let theo: Vec<f64> = radii.iter().map(|r| PI * r * r).collect();
     let mut columns = vec![("r", radii.to_vec()), ("theo", theo)];
-    let ks = ks(pattern, radii, &ALL)?;
     columns.extend(ALL.iter().map(|correction| correction.word()).zip(ks));
-    Ok(Table { name: "K", columns })
+    Table { name, columns }
+}
+
+pub(crate) fn k_table(pattern: &Pattern, radii: &[f64]) -> Result<Table, Error> {
+    Ok(table_of("K", radii, ks(pattern, radii, &ALL)?))
 }
 
 pub(crate) fn l_table(pattern: &Pattern, radii: &[f64]) -> Result<Table, Error> {
-    let mut table = k_table(pattern, radii)?;
+    Ok(l_of(k_table(pattern, radii)?))
+}
+
+/// The table of L from that of K.
+fn l_of(mut table: Table) -> Table {
     table.name = "L";
+    let radii = table.columns[0].1.clone();
     for (name, values) in &mut table.columns {
         match *name {
             "r" => {}
-            "theo" => values.copy_from_slice(radii),
+            "theo" => values.copy_from_slice(&radii),
             _ => values.iter_mut().for_each(|k| *k = (*k / PI).sqrt()),
         }
     }
-    Ok(table)
+    table
+}
+
+/// Cross K: λ of `to` times it is the mean number of points of `to` within r of one of `from`.
+///
+/// Columns as those of K. Where the types are spread independently it is `π r²`. `border` looks at
+/// the distances themselves, as for one type; spatstat does so by bins of the radii here.
+///
+/// # Errors
+/// A pattern without a point; two windows; radii that are not finite, negative or not rising.
+pub fn cross_k_table(from: &Pattern, to: &Pattern, radii: &[f64]) -> Result<Table, Error> {
+    Ok(table_of("K", radii, cross_ks(from, to, radii, &ALL)?))
+}
+
+/// Cross L: `sqrt(K / π)` of [`cross_k_table`].
+///
+/// # Errors
+/// See [`cross_k_table`].
+pub fn cross_l_table(from: &Pattern, to: &Pattern, radii: &[f64]) -> Result<Table, Error> {
+    Ok(l_of(cross_k_table(from, to, radii)?))
+}
+
+/// K relative to a density that varies, given at each point [BaddeleyMW00].
+///
+/// Columns as those of K; the theory of points that are independent, given the density, is
+/// `π r²`. One of the two weights `1 / λ` of a pair is scaled so that all sum to the area, as
+/// spatstat does by default.
+///
+/// # Errors
+/// Fewer than two points; another number of densities than of points, or one that is not positive,
+/// named by its row; radii that are not finite, negative or not rising.
+pub fn inhomogeneous_k_table(
+    pattern: &Pattern,
+    intensity: &[f64],
+    radii: &[f64],
+) -> Result<Table, Error> {
+    Ok(table_of("Kinhom", radii, inhomogeneous_ks(pattern, intensity, radii, &ALL)?))
 }
 
 weald_contract::words! {
@@ -202,7 +395,7 @@ weald_contract::words! {
 }
 
 /// Half width of the kernel times the square root of the density, after [Stoyan94].
-const KERNEL_WIDTH: f64 = 0.15;
+pub(crate) const KERNEL_WIDTH: f64 = 0.15;
 
 /// The pair correlation at rising radii, translation-corrected.
 ///
@@ -217,51 +410,94 @@ pub fn pair_correlation(
     divisor: Divisor,
 ) -> Result<Vec<f64>, Error> {
     pattern.check_pairs()?;
-    check_radii(radii)?;
     let half_width = KERNEL_WIDTH / pattern.intensity().sqrt();
-    let reach = radii.last().copied().unwrap_or(0.0) + half_width;
-    let cells = Cells::new(pattern, reach);
-    let chunk = |first: usize| {
-        let mut sums = vec![0.0; radii.len()];
-        for index in first..(first + CHUNK).min(pattern.len()) {
-            cells.for_near(index, reach, |squared, apart| {
-                let distance = squared.sqrt();
-                let weight = translation(pattern.window(), apart);
-                let weight = match divisor {
-                    Divisor::Radius => weight,
-                    Divisor::Distance if distance > 0.0 => weight / distance,
-                    Divisor::Distance => return,
-                };
-                let from = radii.partition_point(|r| *r <= distance - half_width);
-                for (r, sum) in radii[from..].iter().zip(&mut sums[from..]) {
-                    let t = (r - distance) / half_width;
-                    if t >= 1.0 {
-                        break;
-                    }
-                    *sum += weight * (1.0 - t * t);
-                }
-            });
-        }
-        sums
-    };
-    let firsts: Vec<usize> = (0..pattern.len()).step_by(CHUNK).collect();
-    let parts: Vec<Vec<f64>> = firsts.into_par_iter().map(chunk).collect();
+    let cells = Cells::new(pattern, reach_of(radii) + half_width);
     let pairs = pattern.intensity() * (pattern.len() as f64 - 1.0);
-    let scale = 0.75 / half_width / (TAU * pairs);
-    let g = |row: usize| match parts.iter().map(|part| part[row]).sum::<f64>() {
-        0.0 => 0.0,
-        sum => match divisor {
-            Divisor::Radius => scale * sum / radii[row],
-            Divisor::Distance => scale * sum,
-        },
-    };
-    Ok((0..radii.len()).map(g).collect())
+    Around::itself(pattern, &cells).correlation(radii, half_width, pairs, divisor)
+}
+
+/// The pair correlation of points of `from` with points of `to`, translation-corrected.
+///
+/// The kernel's half width is `0.15 / sqrt(λ)` of `to`.
+///
+/// # Errors
+/// A pattern without a point; two windows; radii that are not finite, negative or not rising.
+pub fn cross_pair_correlation(
+    from: &Pattern,
+    to: &Pattern,
+    radii: &[f64],
+    divisor: Divisor,
+) -> Result<Vec<f64>, Error> {
+    check_cross(from, to)?;
+    let half_width = KERNEL_WIDTH / to.intensity().sqrt();
+    let cells = Cells::new(to, reach_of(radii) + half_width);
+    let pairs = from.intensity() * to.len() as f64;
+    Around::others(from, &cells).correlation(radii, half_width, pairs, divisor)
+}
+
+impl Around<'_> {
+    /// Kernel sums over pairs, over the circumference and `pairs`, the number of pairs there would
+    /// be in a unit of area.
+    fn correlation(
+        &self,
+        radii: &[f64],
+        half_width: f64,
+        pairs: f64,
+        divisor: Divisor,
+    ) -> Result<Vec<f64>, Error> {
+        check_radii(radii)?;
+        let reach = reach_of(radii) + half_width;
+        let chunk = |centers: std::ops::Range<usize>| {
+            let mut sums = vec![0.0; radii.len()];
+            for index in centers {
+                self.visit(index, reach, |_, squared, apart| {
+                    let distance = squared.sqrt();
+                    let weight = translation(self.window, apart);
+                    let weight = match divisor {
+                        Divisor::Radius => weight,
+                        Divisor::Distance if distance > 0.0 => weight / distance,
+                        Divisor::Distance => return,
+                    };
+                    let from = radii.partition_point(|r| *r <= distance - half_width);
+                    for (r, sum) in radii[from..].iter().zip(&mut sums[from..]) {
+                        let t = (r - distance) / half_width;
+                        if t >= 1.0 {
+                            break;
+                        }
+                        *sum += weight * (1.0 - t * t);
+                    }
+                });
+            }
+            sums
+        };
+        let parts = self.in_chunks(chunk);
+        let scale = 0.75 / half_width / (TAU * pairs);
+        let g = |row: usize| match parts.iter().map(|part| part[row]).sum::<f64>() {
+            0.0 => 0.0,
+            sum => match divisor {
+                Divisor::Radius => scale * sum / radii[row],
+                Divisor::Distance => scale * sum,
+            },
+        };
+        Ok((0..radii.len()).map(g).collect())
+    }
+}
+
+fn pcf_of(radii: &[f64], trans: Vec<f64>) -> Table {
+    let columns = vec![("r", radii.to_vec()), ("theo", vec![1.0; radii.len()]), ("trans", trans)];
+    Table { name: "pcf", columns }
 }
 
 pub(crate) fn pcf_table(pattern: &Pattern, radii: &[f64]) -> Result<Table, Error> {
-    let trans = pair_correlation(pattern, radii, Divisor::Radius)?;
-    let columns = vec![("r", radii.to_vec()), ("theo", vec![1.0; radii.len()]), ("trans", trans)];
-    Ok(Table { name: "pcf", columns })
+    Ok(pcf_of(radii, pair_correlation(pattern, radii, Divisor::Radius)?))
+}
+
+/// [`cross_pair_correlation`] as a table `r, theo, trans`.
+///
+/// # Errors
+/// See [`cross_pair_correlation`].
+pub fn cross_pcf_table(from: &Pattern, to: &Pattern, radii: &[f64]) -> Result<Table, Error> {
+    Ok(pcf_of(radii, cross_pair_correlation(from, to, radii, Divisor::Radius)?))
 }
 
 #[cfg(test)]

@@ -5,9 +5,11 @@
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
+use weald_analyze::nearest::cross_g_table;
+use weald_analyze::ripley::{cross_k_table, inhomogeneous_k_table};
 use weald_analyze::{
-    Divisor, Pattern, Sizes, StandState, Statistic, Window, clark_evans, pair_correlation,
-    quantile, statistics, thinning_line,
+    Divisor, Pattern, Quadrats, Sizes, StandState, Statistic, Window, clark_evans,
+    mark_correlation, pair_correlation, plateau, quantile, statistics, thinning_line,
 };
 
 /// Stands and their windows.
@@ -148,9 +150,259 @@ fn fits_of_a_thinning_series_are_those_of_r() {
         ("r2", line.r_squared),
         ("ols_intercept", ols.intercept),
         ("sma_intercept", sma.intercept),
+        ("rq50_slope", line.median.slope),
+        ("rq95_slope", line.upper.slope),
+        ("rq95_intercept", line.upper.intercept),
     ];
     for (name, value) in found {
         agree(name, &[value], &[expected[name]]);
+    }
+}
+
+#[test]
+fn a_thinning_series_levels_off_at_a_third_of_the_ground() {
+    let Some(stems) = stems() else { return };
+    let series = read(stems.join("stats/selfthin_series_sync_seed11.csv"));
+    let found = plateau(&series["density"], &series["cover"]).unwrap();
+    // Plateau cover of this model over three seeds: 0.32.
+    assert!((found.cover - 0.32).abs() < 0.01, "{found:?}");
+    assert!((0.1..0.25).contains(&found.densities[1]), "{found:?}");
+    assert!(found.densities[0] < 0.012, "{found:?}");
+    let early = found.early_start(&series["density"], &series["cover"], 0.9).unwrap();
+    assert!(early.cover < 0.25, "{early}");
+}
+
+/// Rows of spatstat's tables whose values stand below.
+const ROWS: [usize; 5] = [32, 64, 128, 192, 256];
+
+fn of_type(stems: &std::path::Path, wanted: &str) -> Pattern {
+    let text = std::fs::read_to_string(stems.join("hyytiala.csv")).unwrap();
+    let mut points = Vec::new();
+    for line in text.lines().skip(1) {
+        let fields: Vec<&str> = line.split(',').map(|f| f.trim_matches(['"', ' '])).collect();
+        if fields[3] == wanted {
+            points.push([1, 2].map(|column| fields[column].trim().parse().unwrap()));
+        }
+    }
+    Pattern::new(points, STANDS[4].1).unwrap()
+}
+
+fn agree_in_rows(what: &str, ours: &[f64], theirs: [f64; 5]) {
+    agree(what, &ROWS.map(|row| ours[row]), &theirs);
+}
+
+/// `Kcross(X, "pine", "birch")` and the reverse, spatstat.explore 3.0-6. Its border form depends on
+/// the radii; ours is held by brute force.
+#[test]
+fn cross_k_of_pines_and_birches_is_that_of_spatstat() {
+    let Some(stems) = stems() else { return };
+    let radii = &read(stems.join("stats/hyytiala.K.csv"))["r"];
+    let (pines, birches) = (of_type(&stems, "pine"), of_type(&stems, "birch"));
+    let table = cross_k_table(&pines, &birches, radii).unwrap();
+    let at = |name| table.column(name).unwrap();
+    let un = [
+        1.6544117647058822,
+        4.7794117647058822,
+        21.5073529411764675,
+        47.0588235294117609,
+        76.2867647058823479,
+    ];
+    let trans = [
+        1.6979312189309033,
+        5.0284684014114651,
+        24.1094035324659899,
+        55.8422029687553660,
+        95.8040336220749111,
+    ];
+    let iso = [
+        1.6544117647058822,
+        4.7794117647058822,
+        21.9795794217678235,
+        49.9717746403864567,
+        86.5364442821816624,
+    ];
+    agree_in_rows("un", at("un"), un);
+    agree_in_rows("trans", at("trans"), trans);
+    agree_in_rows("iso", at("iso"), iso);
+
+    let back = cross_k_table(&birches, &pines, radii).unwrap();
+    let iso = [
+        1.6544117647058822,
+        4.7794117647058822,
+        21.6418133210583541,
+        48.3263817975788967,
+        80.3894222308080799,
+    ];
+    agree_in_rows("back, iso", back.column("iso").unwrap(), iso);
+}
+
+/// `Gcross(X, "pine", "birch")`, spatstat.explore 3.0-6.
+#[test]
+fn cross_g_of_pines_and_birches_is_that_of_spatstat() {
+    let Some(stems) = stems() else { return };
+    let radii = &read(stems.join("stats/hyytiala.K.csv"))["r"];
+    let table = cross_g_table(&of_type(&stems, "pine"), &of_type(&stems, "birch"), radii).unwrap();
+    let expected = [
+        (
+            "theo",
+            [
+                0.050815486453217873,
+                0.188286861778347414,
+                0.565879492841483644,
+                0.847024042981810776,
+                0.964482596693492011,
+            ],
+        ),
+        ("raw", [0.0625, 0.1640625, 0.4765625, 0.640625, 0.734375]),
+        (
+            "rs",
+            [
+                0.064516129032258063,
+                0.192660550458715607,
+                0.609756097560975596,
+                0.779661016949152574,
+                0.875000000000000000,
+            ],
+        ),
+        (
+            "km",
+            [
+                0.06308593749999980,
+                0.17427392422408650,
+                0.54994526782484932,
+                0.70551940174795635,
+                0.80316835012667220,
+            ],
+        ),
+        (
+            "han",
+            [
+                0.083898907344724133,
+                0.236979680272914078,
+                0.725474488141480411,
+                0.902161754911949831,
+                1.000000000000000000,
+            ],
+        ),
+    ];
+    for (name, values) in expected {
+        agree_in_rows(name, table.column(name).unwrap(), values);
+    }
+}
+
+/// `Kinhom(X, lambda = 0.01 (0.5 + x / 200))`, spatstat.explore 3.0-6.
+#[test]
+fn inhomogeneous_k_of_longleaf_pines_is_that_of_spatstat() {
+    let Some(stems) = stems() else { return };
+    let radii = &read(stems.join("stats/longleaf.K.csv"))["r"];
+    let pattern = pattern(&stems, "longleaf", STANDS[0].1);
+    let intensity: Vec<f64> =
+        pattern.points().iter().map(|[x, _]| 0.01 * (0.5 + x / 200.0)).collect();
+    let table = inhomogeneous_k_table(&pattern, &intensity, radii).unwrap();
+    let expected = [
+        (
+            "border",
+            [
+                250.51094773381294,
+                725.80988832080516,
+                2462.26968915851330,
+                5204.39042602287100,
+                9081.71636086249782,
+            ],
+        ),
+        (
+            "trans",
+            [
+                404.46232025681104,
+                1149.43775573602716,
+                3942.23850306699296,
+                8594.16402369100433,
+                15084.40895222984909,
+            ],
+        ),
+        (
+            "iso",
+            [
+                407.04367389971668,
+                1147.07330642938427,
+                3904.11105826466428,
+                8496.00009657068586,
+                14867.75573277540389,
+            ],
+        ),
+    ];
+    for (name, values) in expected {
+        agree_in_rows(name, table.column(name).unwrap(), values);
+    }
+}
+
+#[test]
+fn the_mark_correlation_of_longleaf_pines_is_that_of_spatstat_but_for_its_binning() {
+    let Some(stems) = stems() else { return };
+    let theirs = read(stems.join("stats/longleaf.markcorr.csv"));
+    let longleaf = pattern(&stems, "longleaf", STANDS[0].1);
+    let marks = &read(stems.join("longleaf.csv"))["mark"];
+    // The file holds the lower half of the radii that decided spatstat's bandwidth.
+    let radii: Vec<f64> = (0..=512).map(|step| f64::from(step) * 50.0 / 512.0).collect();
+    let ours = mark_correlation(&longleaf, marks, &radii).unwrap();
+    for name in ["trans", "iso"] {
+        for (row, theirs) in theirs[name].iter().enumerate() {
+            let ours = ours.column(name).unwrap()[row];
+            assert!((ours / theirs - 1.0).abs() < 0.005, "{name} {row}: {ours} for {theirs}");
+        }
+    }
+}
+
+/// `Fest(X, eps = 0.25)` and `Jest(X, eps = 0.25)`, spatstat.explore 3.0-6: distances there are
+/// between pixels of 0.25 m, and from other places than ours.
+#[test]
+fn f_and_j_of_longleaf_pines_are_those_of_spatstat_but_for_its_pixels() {
+    let Some(stems) = stems() else { return };
+    let pattern = pattern(&stems, "longleaf", STANDS[0].1);
+    let last = 20.0 * (1.0 - std::f64::consts::PI * 1e-5);
+    let radii: Vec<f64> = (0..=400).map(|step| f64::from(step) * last / 400.0).collect();
+    let mut tables = statistics(&pattern, &[Statistic::F, Statistic::J], &radii).unwrap();
+    let (j, f) = (tables.remove(1), tables.remove(0));
+    let near = |table: &weald_analyze::Table, row: usize, name: &str, theirs: f64, within: f64| {
+        let ours = table.column(name).unwrap()[row];
+        assert!((ours - theirs).abs() < within, "{} {name} {row}: {ours} for {theirs}", table.name);
+    };
+    // Row, raw, cs, rs, km.
+    for (row, values) in [
+        (80, [0.41740156, 0.43338497, 0.42668152, 0.42491942]),
+        (160, [0.81846250, 0.84992257, 0.84279744, 0.83788472]),
+        (240, [0.95408125, 0.98082691, 0.97758547, 0.97398567]),
+    ] {
+        for (name, theirs) in ["raw", "cs", "rs", "km"].into_iter().zip(values) {
+            near(&f, row, name, theirs, 0.01);
+        }
+    }
+    // Row, un, rs, han, km.
+    for (row, values) in [
+        (40, [0.74951733, 0.75135763, 0.75781368, 0.75365685]),
+        (80, [0.54341294, 0.54894865, 0.56151737, 0.55020994]),
+        (120, [0.45282129, 0.48511142, 0.50882635, 0.48433937]),
+    ] {
+        for (name, theirs) in ["un", "rs", "han", "km"].into_iter().zip(values) {
+            near(&j, row, name, theirs, 0.02);
+        }
+    }
+}
+
+/// Ratio from `quadratcount`, index by its definition, R 4.2.2.
+#[test]
+fn quadrats_of_real_stands_count_as_in_spatstat() {
+    let Some(stems) = stems() else { return };
+    let expected = [
+        (0, 5, 6.3601598173515983, 1.2206583801311122),
+        (0, 10, 3.7004289470042897, 1.4585634060950681),
+        (4, 5, 0.93650793650793651, 0.99087539207299691),
+        (4, 10, 0.8042328042328043, 0.8839463929284288),
+    ];
+    for (stand, side, ratio, morisita) in expected {
+        let (name, window) = STANDS[stand];
+        let quadrats = Quadrats::of(&pattern(&stems, name, window), side, side).unwrap();
+        agree(name, &[quadrats.variance_mean_ratio, quadrats.morisita], &[ratio, morisita]);
     }
 }
 

@@ -8,11 +8,13 @@
 //! - [`nearest`]: the distributions G and F of distances to the nearest point, J, Clark and Evans;
 //! - [`marks`]: how sizes depend on those of neighbours;
 //! - [`quadrats`]: counts in rectangles, Morisita's index;
+//! - [`envelope`]: the range of a statistic under a null model, and a verdict;
 //! - [`size`]: inequality and moments of sizes;
 //! - [`thinning`]: lines through a stand's density and mean size, Reineke's density index;
 //! - [`plateau`]: the part of a stand's history that such a line may be fitted to;
 //! - [`regression`]: lines of quantile regression.
 
+pub mod envelope;
 pub mod marks;
 pub mod nearest;
 mod neighbors;
@@ -26,6 +28,7 @@ pub mod size;
 mod student;
 pub mod thinning;
 
+pub use envelope::{Envelope, Verdict};
 pub use marks::mark_correlation;
 pub use nearest::{ClarkEvans, clark_evans};
 pub use pattern::{Error, Pattern, Table, Window};

@@ -9,12 +9,14 @@
 //! - [`marks`]: how sizes depend on those of neighbours;
 //! - [`quadrats`]: counts in rectangles, Morisita's index;
 //! - [`envelope`]: the range of a statistic under a null model, and a verdict;
+//! - [`figure`]: figures of all these, as SVG;
 //! - [`size`]: inequality and moments of sizes;
 //! - [`thinning`]: lines through a stand's density and mean size, Reineke's density index;
 //! - [`plateau`]: the part of a stand's history that such a line may be fitted to;
 //! - [`regression`]: lines of quantile regression.
 
 pub mod envelope;
+pub mod figure;
 pub mod marks;
 pub mod nearest;
 mod neighbors;
@@ -29,6 +31,7 @@ mod student;
 pub mod thinning;
 
 pub use envelope::{Envelope, Verdict};
+pub use figure::Figure;
 pub use marks::mark_correlation;
 pub use nearest::{ClarkEvans, clark_evans};
 pub use pattern::{Error, Pattern, Table, Window};

@@ -73,11 +73,16 @@ impl Traits {
         ]
     }
 
-    /// How much one such plant counts.
-    pub fn weight(&self, weights: Weights) -> f64 {
+    /// How much such a plant counts that is seen `seen` times, and whose inverse squared distances
+    /// from the eye sum to `nearness`.
+    ///
+    /// Seen from afar, a crown fills an angle of its area over the squared distance.
+    pub fn weight(&self, weights: Weights, seen: f64, nearness: f64) -> f64 {
+        let area = PI * f64::from(self.radius).powi(2);
         match weights {
-            Weights::Area => PI * f64::from(self.radius).powi(2),
-            Weights::Uniform => 1.0,
+            Weights::Area => area * seen,
+            Weights::Uniform => seen,
+            Weights::View => area * nearness,
         }
     }
 }

@@ -27,6 +27,8 @@ pub(crate) struct Patch {
     pub rows: u64,
     /// Times it is seen in the scene, through all levels.
     pub seen: f64,
+    /// Sum over those times of the inverse squared distance from the eye, 1/m².
+    pub nearness: f64,
     pub members: Vec<Member>,
 }
 
@@ -208,6 +210,7 @@ impl Patches {
                 vigor: book.centre(label)[0] as f32,
                 rows: 0,
                 seen: 0.0,
+                nearness: 0.0,
                 members: Vec::new(),
             });
         }
@@ -215,6 +218,7 @@ impl Patches {
             let patch = numbers[choice];
             self.patches[patch].rows += 1;
             self.patches[patch].seen += place.seen;
+            self.patches[patch].nearness += place.nearness;
             self.placed.push((place.place, patch));
         }
         Ok(())
@@ -246,7 +250,8 @@ impl Patches {
                 };
                 let place = Place::Patch { patch: index, ordinal: patch.members.len() };
                 let traits = Traits::of_age(&kind.size, age, vigor.clamp(0.0, 1.0) as f32);
-                stand.push(Standing { place, traits, seen: patch.seen });
+                let Patch { seen, nearness, .. } = *patch;
+                stand.push(Standing { place, traits, seen, nearness });
                 patch.members.push(Member { position, yaw });
             }
         }
@@ -262,6 +267,7 @@ fn vigor_table(
     let weight = |place: &Standing| match config.weights {
         Weights::Area => place.seen * f64::from(recipe.side).powi(2),
         Weights::Uniform => 1.0,
+        Weights::View => place.nearness * f64::from(recipe.side).powi(2),
     };
     let vigor = places.iter().map(|place| f64::from(place.traits.vigor)).collect();
     Table::new(vigor, 1, places.iter().map(weight).collect())

@@ -35,12 +35,12 @@ use weald_contract::{
 };
 
 pub use codebook::{Codebook, Mode, cluster, refine, split};
-pub use report::{Drift, Report, SpeciesReport};
+pub use report::{Drift, Level, Report, SpeciesReport, WorstPlant};
 pub use stream::{Chunks, Streamed, Streaming, cluster_chunks};
 pub use table::{Table, TableError};
 
 /// Number of the algorithm: rises when equal input gives other bytes.
-pub const OUTPUT_VERSION: u32 = 2;
+pub const OUTPUT_VERSION: u32 = 3;
 
 weald_contract::words! {
     /// How much each plant counts when plants are grouped.
@@ -49,6 +49,8 @@ weald_contract::words! {
         Area = "area",
         /// All alike.
         Uniform = "uniform",
+        /// By how large the crown looks from `eye`: near plants get more of the palette.
+        View = "view",
     }
 }
 
@@ -61,8 +63,13 @@ weald_contract::table! {
         budget: Option<u32> = None, in 1.0..=1000000.0;
         /// `paper` splits only, `fast` adds three steps of refinement, `best` searches on.
         mode: Mode = Mode::Fast;
+        /// Models are added to a species until no plant's height differs from its model's by more
+        /// than this part, before it is scaled.
+        max_height_error: Option<f32> = None, in 0.001..=10.0;
         /// What makes a plant count for more.
         weights: Weights = Weights::Area;
+        /// Where plants are seen from when `weights = "view"`: map coordinates and altitude, m.
+        eye: Option<[f64; 3]> = None, in -1e9..=1e9;
         /// Kinds of patch, by vigor, of each group species.
         group_representatives: u32 = 4, in 1.0..=10000.0;
         /// Different patches grown of each kind.
@@ -76,7 +83,9 @@ impl Default for Config {
             representatives: 8,
             budget: None,
             mode: Mode::Fast,
+            max_height_error: None,
             weights: Weights::Area,
+            eye: None,
             group_representatives: 4,
             group_variants: 8,
         }
@@ -115,8 +124,22 @@ impl Config {
     /// Finds what can be found wrong before any work: members of groups that are no species, and
     /// groups that contain themselves.
     pub fn check(&self, species: &BTreeMap<String, Species>) -> Problems {
-        groups::problems(species)
+        let mut problems = groups::problems(species);
+        if self.weights == Weights::View && self.eye.is_none() {
+            let problem = Problem::new("`weights = \"view\"` needs to know where the eye is");
+            problems.push(problem.hint("add `eye = [x, y, altitude]` in map coordinates"));
+        }
+        problems
     }
+}
+
+/// Geometry that the models of a palette may take together.
+#[derive(Clone, Copy)]
+pub struct Bytes<'a> {
+    /// Bytes of all models.
+    pub budget: u64,
+    /// Bytes of one model of a species, about.
+    pub of_model: &'a (dyn Fn(&str) -> u64 + Sync),
 }
 
 /// Groups similar plants, picks a representative for each group and places its instances.
@@ -136,5 +159,24 @@ pub fn quantize(
     seed: Seed,
     progress: &dyn Progress,
 ) -> Result<Quantized, Error> {
-    palette::build(config, population, species, seed, progress)
+    palette::build(config, population, species, None, seed, progress)
+}
+
+/// [`quantize`], with as many models as fit into a number of bytes.
+///
+/// Every species has one model; after that the species whose next model gains most for its bytes
+/// gets it, until no further one fits. `representatives` and `budget` of the config are not
+/// looked at.
+///
+/// # Errors
+/// As [`quantize`]; or one model a species is too much already.
+pub fn quantize_within(
+    bytes: Bytes<'_>,
+    config: &Config,
+    population: &Population,
+    species: &BTreeMap<String, Species>,
+    seed: Seed,
+    progress: &dyn Progress,
+) -> Result<Quantized, Error> {
+    palette::build(config, population, species, Some(bytes), seed, progress)
 }

@@ -5,7 +5,7 @@ use crate::features::{COUNT, LEAST_HEIGHT, Traits};
 use crate::groups::{self, Patches};
 use crate::report::{Report, SpeciesReport};
 use crate::table::Table;
-use crate::{Config, Error, Quantized, budget};
+use crate::{Bytes, Config, Error, Quantized, budget};
 use glam::{DQuat, Quat};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -44,6 +44,17 @@ pub(crate) struct Standing {
     pub traits: Traits,
     /// Times it is seen in the scene: 1 there, and as often as its patch inside a patch.
     pub seen: f64,
+    /// Sum over those times of the inverse squared distance from the eye, 1/m²; 0 without one.
+    pub nearness: f64,
+}
+
+/// A plant nearer to the eye than this counts as if it stood there, m.
+const NEAREST: f64 = 1.0;
+
+fn nearness(plant: &Plant, eye: Option<[f64; 3]>) -> f64 {
+    let Some([x, y, z]) = eye else { return 0.0 };
+    let apart = [plant.x - x, plant.y - y, f64::from(plant.z) - z];
+    1.0 / apart.iter().map(|d| d * d).sum::<f64>().max(NEAREST * NEAREST)
 }
 
 /// See [`crate::quantize`].
@@ -51,13 +62,14 @@ pub(crate) fn build(
     config: &Config,
     population: &Population,
     species: &BTreeMap<String, Species>,
+    bytes: Option<Bytes<'_>>,
     seed: Seed,
     progress: &dyn Progress,
 ) -> Result<Quantized, Error> {
     if let Some(problem) = config.check(species).into_iter().next() {
         return Err(problem.into());
     }
-    let mut standing = standing_in_scene(population, species)?;
+    let mut standing = standing_in_scene(population, species, config.eye)?;
     let patches = groups::fill(config, species, &mut standing, seed)?;
     standing.retain(|_, plants| !plants.is_empty());
     progress.begin(
@@ -66,7 +78,10 @@ pub(crate) fn build(
         "plants",
     );
 
-    let counts = representative_counts(config, &standing, species, progress)?;
+    let counts = match bytes {
+        Some(bytes) => counts_within(bytes, config, &standing, species, progress)?,
+        None => representative_counts(config, &standing, species, progress)?,
+    };
     let mut palette = Palette::default();
     let mut prototypes = Prototypes::new(population.len(), &patches);
     let mut reports = Vec::new();
@@ -74,7 +89,10 @@ pub(crate) fn build(
         stop_if_asked(progress)?;
         let Some(kind) = species.get(name) else { continue };
         let table = feature_table(config, &kind.size, plants)?;
-        let (book, order) = cluster_in_order(&table, count, config.mode);
+        let (book, order) = match config.max_height_error {
+            Some(most) => within_height(most.into(), config, plants, &table, count),
+            None => cluster_in_order(&table, count, config.mode),
+        };
         let first_id = palette.representatives.len() as u32 + 1;
         let (chosen, number) = representatives(name, plants, &table, &book, &order, first_id);
         for (plant, label) in plants.iter().zip(&book.labels) {
@@ -88,7 +106,7 @@ pub(crate) fn build(
     }
     add_groups(&mut palette, &mut prototypes, &patches);
     let instances = instances(population, &patches, &prototypes, &palette);
-    let report = Report::of(reports, &palette, population.len(), &patches);
+    let report = Report::of(reports, &palette, &instances, population.len());
     Ok(Quantized { palette, instances, report })
 }
 
@@ -100,6 +118,7 @@ fn stop_if_asked(progress: &dyn Progress) -> Result<(), Error> {
 fn standing_in_scene(
     population: &Population,
     species: &BTreeMap<String, Species>,
+    eye: Option<[f64; 3]>,
 ) -> Result<BTreeMap<String, Vec<Standing>>, Problem> {
     let mut by_index: Vec<Vec<Standing>> = vec![Vec::new(); population.species.len()];
     for (index, plant) in population.plants.iter().enumerate() {
@@ -113,7 +132,8 @@ fn standing_in_scene(
             )));
         };
         let place = Place::Scene { index, id: plant.id };
-        plants.push(Standing { place, traits: Traits::of_plant(plant), seen: 1.0 });
+        let nearness = nearness(plant, eye);
+        plants.push(Standing { place, traits: Traits::of_plant(plant), seen: 1.0, nearness });
     }
     let mut standing = BTreeMap::new();
     for (name, plants) in population.species.iter().zip(by_index) {
@@ -179,21 +199,105 @@ fn representative_counts(
         return Err(problem.hint(format!("{} or more is right", standing.len())).into());
     }
     let most = budget - standing.len() + 1;
-    let mut all_gains = Vec::new();
+    let all_gains = all_gains(config, standing, species, |_| most, progress)?;
+    let gains: Vec<&[f64]> = all_gains.iter().map(Vec::as_slice).collect();
+    Ok(budget::share(&gains, budget))
+}
+
+/// Gains of splitting each species into at most the clusters that `most` allows it.
+fn all_gains(
+    config: &Config,
+    standing: &BTreeMap<String, Vec<Standing>>,
+    species: &BTreeMap<String, Species>,
+    most: impl Fn(&str) -> usize,
+    progress: &dyn Progress,
+) -> Result<Vec<Vec<f64>>, Error> {
+    let mut all = Vec::new();
     for (name, plants) in standing {
         stop_if_asked(progress)?;
         if let Some(kind) = species.get(name) {
-            all_gains.push(gains(&feature_table(config, &kind.size, plants)?, most));
+            all.push(gains(&feature_table(config, &kind.size, plants)?, most(name)));
         }
     }
+    Ok(all)
+}
+
+/// Most models of a species that a number of bytes is shared out to.
+const MOST_WITHIN: u64 = 4096;
+
+/// Clusters of each species that fit into a number of bytes, in the order of `standing`.
+fn counts_within(
+    bytes: Bytes<'_>,
+    config: &Config,
+    standing: &BTreeMap<String, Vec<Standing>>,
+    species: &BTreeMap<String, Species>,
+    progress: &dyn Progress,
+) -> Result<Vec<usize>, Error> {
+    let of_model = |name: &str| (bytes.of_model)(name).max(1);
+    let most = |name: &str| (bytes.budget / of_model(name)).clamp(1, MOST_WITHIN) as usize;
+    let all_gains = all_gains(config, standing, species, most, progress)?;
     let gains: Vec<&[f64]> = all_gains.iter().map(Vec::as_slice).collect();
-    Ok(budget::share(&gains, budget))
+    let of_models: Vec<u64> = standing.keys().map(|name| of_model(name)).collect();
+    budget::share_bytes(&gains, &of_models, bytes.budget).ok_or_else(|| {
+        let least: u64 = of_models.iter().sum();
+        let message = format!(
+            "one model of each of {} species takes {least} bytes, but {} are allowed",
+            of_models.len(),
+            bytes.budget
+        );
+        Problem::new(message).hint(format!("{least} or more are right")).into()
+    })
+}
+
+/// The fewest clusters, from `least` on, in which no plant's height differs from its model's by
+/// more than a part `most` of it.
+///
+/// More clusters may, seldom, leave a plant worse off; halving then finds a number that is enough
+/// and nearly least. As many clusters as distinct plants always are.
+fn within_height(
+    most: f64,
+    config: &Config,
+    plants: &[Standing],
+    table: &Table,
+    least: usize,
+) -> (Codebook, Vec<u32>) {
+    let with = |count: usize| {
+        let found = cluster_in_order(table, count, config.mode);
+        let worst = worst_height(plants, table, &found.0, &found.1);
+        (worst <= most).then_some(found)
+    };
+    let (mut few, mut enough) = (least, least);
+    let mut found = with(enough);
+    while found.is_none() && enough < plants.len() {
+        few = enough;
+        enough = (enough * 2).min(plants.len());
+        found = with(enough);
+    }
+    while found.is_some() && few + 1 < enough {
+        let middle = few.midpoint(enough);
+        match with(middle) {
+            Some(better) => (found, enough) = (Some(better), middle),
+            None => few = middle,
+        }
+    }
+    // Plants that are alike in all features and still of other heights are one cluster.
+    found.unwrap_or_else(|| cluster_in_order(table, plants.len(), config.mode))
+}
+
+/// Largest difference of a plant's height from its cluster's mean, as a part of the mean.
+fn worst_height(plants: &[Standing], table: &Table, book: &Codebook, order: &[u32]) -> f64 {
+    let (chosen, number) = representatives("", plants, table, book, order, 1);
+    let of_plant = |(plant, label): (&Standing, &u32)| {
+        let model = f64::from(chosen[number[*label as usize]].height);
+        (f64::from(plant.traits.height.max(LEAST_HEIGHT)) - model).abs() / model
+    };
+    plants.iter().zip(&book.labels).map(of_plant).fold(0.0, f64::max)
 }
 
 fn feature_table(config: &Config, size: &Size, plants: &[Standing]) -> Result<Table, Problem> {
     let features: Vec<[f64; COUNT]> =
         plants.par_iter().map(|plant| plant.traits.features(size)).collect();
-    let weight = |plant: &Standing| plant.traits.weight(config.weights) * plant.seen;
+    let weight = |plant: &Standing| plant.traits.weight(config.weights, plant.seen, plant.nearness);
     Table::new(features.into_flattened(), COUNT, plants.iter().map(weight).collect())
         .map_err(|error| Problem::new(error.to_string()))
 }

@@ -2,12 +2,11 @@
 
 use crate::codebook::Codebook;
 use crate::features::LEAST_HEIGHT;
-use crate::groups::Patches;
-use crate::palette::Standing;
+use crate::palette::{Place, Standing};
 use crate::table::Table;
 use serde::Serialize;
 use std::fmt;
-use weald_contract::{Palette, Representative};
+use weald_contract::{Instances, Palette, Representative};
 
 /// Distance between plants and their representatives in one parameter.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
@@ -39,6 +38,32 @@ pub struct SpeciesReport {
     pub height: Drift,
     /// Plants seen for each model grown.
     pub compression: f64,
+    /// Plants of the scene that are farthest from their models, the worst first.
+    pub worst_plants: Vec<WorstPlant>,
+}
+
+/// A plant of the scene that its model stands for poorly.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct WorstPlant {
+    /// Its id.
+    pub plant: u64,
+    /// Id of its representative.
+    pub representative: u32,
+    /// Distance from the centre of its cluster in the space of comparison.
+    pub distance: f64,
+    /// Height before the instance is scaled, as a part of the representative's.
+    pub height: f64,
+}
+
+/// How often prototypes of one kind stand in the scene and in groups.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Level {
+    /// `plants` or `groups`.
+    pub level: &'static str,
+    /// Prototypes stored.
+    pub prototypes: u64,
+    /// Rows of instances that refer to them.
+    pub instances: u64,
 }
 
 /// All species.
@@ -58,6 +83,8 @@ pub struct Report {
     pub seen: f64,
     /// Plants seen for each model grown.
     pub compression: f64,
+    /// Plants, then groups.
+    pub levels: Vec<Level>,
 }
 
 impl SpeciesReport {
@@ -91,8 +118,45 @@ impl SpeciesReport {
                 between(height, of.height) / f64::from(of.height)
             }),
             compression: ratio(seen, chosen.len()),
+            worst_plants: worst_plants(plants, table, book, chosen, number),
         }
     }
+}
+
+/// Worst plants that are told of each species.
+const WORST: usize = 3;
+
+fn worst_plants(
+    plants: &[Standing],
+    table: &Table,
+    book: &Codebook,
+    chosen: &[Representative],
+    number: &[usize],
+) -> Vec<WorstPlant> {
+    let of_plant = |(index, plant): (usize, &Standing)| {
+        let Place::Scene { id, .. } = plant.place else { return None };
+        let label = book.labels[index] as usize;
+        let pairs = table.row(index).iter().zip(book.centre(label));
+        let squares: f64 = pairs.map(|(value, centre)| (value - centre).powi(2)).sum();
+        let model = &chosen[number[label]];
+        let height = plant.traits.height.max(LEAST_HEIGHT);
+        Some(WorstPlant {
+            plant: id,
+            representative: model.id,
+            distance: squares.sqrt(),
+            height: f64::from(height) / f64::from(model.height),
+        })
+    };
+    let mut all: Vec<WorstPlant> = plants.iter().enumerate().filter_map(of_plant).collect();
+    let worse = |a: &WorstPlant, b: &WorstPlant| {
+        b.distance.total_cmp(&a.distance).then(a.plant.cmp(&b.plant))
+    };
+    if all.len() > WORST {
+        all.select_nth_unstable_by(WORST, worse);
+        all.truncate(WORST);
+    }
+    all.sort_by(worse);
+    all
 }
 
 impl Drift {
@@ -119,19 +183,30 @@ impl Report {
     pub(crate) fn of(
         species: Vec<SpeciesReport>,
         palette: &Palette,
+        instances: &Instances,
         plants: usize,
-        patches: &Patches,
     ) -> Self {
-        let inside: usize = patches.patches.iter().map(|patch| patch.members.len()).sum();
+        let models = palette.representatives.len();
+        let of_models = instances.prototype.iter().filter(|id| **id as usize <= models).count();
+        let level = |level, prototypes: usize, instances: usize| Level {
+            level,
+            prototypes: prototypes as u64,
+            instances: instances as u64,
+        };
+        let levels = vec![
+            level("plants", models, of_models),
+            level("groups", palette.groups.len(), instances.len() - of_models),
+        ];
         let seen = species.iter().map(|species| species.seen).sum();
         Self {
             plants: plants as u64,
             groups: palette.groups.len() as u64,
             representatives: palette.representatives.len() as u64,
-            instances: (plants + inside) as u64,
+            instances: instances.len() as u64,
             seen,
             compression: ratio(seen, palette.representatives.len()),
             species,
+            levels,
         }
     }
 }

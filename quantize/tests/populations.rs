@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 use weald_contract::{Plant, Population, Problems, Progress, Seed, Silent, Species, State, Value};
-use weald_quantize::{Config, Error, Mode, Quantized, Weights, quantize};
+use weald_quantize::{Bytes, Config, Error, Mode, Quantized, Weights, quantize, quantize_within};
 
 fn species(text: &str) -> Species {
     let mut problems: Problems = Vec::new();
@@ -315,6 +315,78 @@ fn patches_of_absurd_size_are_refused_before_memory_is_taken() {
     kinds.insert("turf".into(), group(50.0, &[("tuft", 1000.0)]));
     let result = quantize(&Config::default(), &whole_meadow(2000), &kinds, Seed(1), &Silent);
     assert!(result.unwrap_err().to_string().contains("members"));
+}
+
+#[test]
+fn models_fit_into_the_bytes_that_are_allowed() {
+    let of_model = |name: &str| if name == "oak" { 1000 } else { 100 };
+    let plants = population(3000, &["aspen", "oak"], &meadow());
+    let within = |budget| {
+        let bytes = Bytes { budget, of_model: &of_model };
+        quantize_within(bytes, &Config::default(), &plants, &meadow(), Seed(7), &Silent)
+    };
+    let mut last = f64::INFINITY;
+    for budget in [1100, 4000, 16_000] {
+        let Quantized { palette, report, .. } = within(budget).unwrap();
+        let bytes: u64 = palette.representatives.iter().map(|r| of_model(&r.species)).sum();
+        assert!(bytes <= budget && bytes > budget - 1000, "{bytes} of {budget}");
+        let distortion: f64 = report.species.iter().map(|s| s.distortion).sum();
+        assert!(distortion < last);
+        last = distortion;
+    }
+    assert!(within(1099).unwrap_err().to_string().contains("1100"));
+}
+
+#[test]
+fn no_plant_is_farther_off_in_height_than_allowed() {
+    let plants = population(2000, &["aspen", "oak"], &meadow());
+    let mut last = 0;
+    for most in [0.5, 0.2, 0.1] {
+        let config =
+            Config { representatives: 1, max_height_error: Some(most), ..Config::default() };
+        let report = run(&config, &plants).unwrap().report;
+        assert!(report.species.iter().all(|s| s.height.worst <= f64::from(most)));
+        assert!(report.representatives > last);
+        last = report.representatives;
+    }
+}
+
+#[test]
+fn plants_near_the_eye_are_nearer_to_their_models() {
+    let plants = population(4000, &["aspen"], &meadow());
+    let eye = [500_100.0, 5_000_100.0, 305.0];
+    let near = |plant: &Plant| (plant.x - eye[0]).hypot(plant.y - eye[1]) < 30.0;
+    let error = |config: &Config| {
+        let found = run(config, &plants).unwrap();
+        let off = |(index, plant): (usize, &Plant)| {
+            let model = found.instances.prototype[index] as usize - 1;
+            f64::from((plant.height / found.palette.representatives[model].height).ln().abs())
+        };
+        let all = plants.plants.iter().enumerate().filter(|(_, plant)| near(plant));
+        let (sum, count) = all.fold((0.0, 0.0), |(sum, n), plant| (sum + off(plant), n + 1.0));
+        sum / count
+    };
+    let view = Config { weights: Weights::View, eye: Some(eye), ..Config::default() };
+    assert!(error(&view) < error(&Config::default()));
+    let blind = Config { eye: None, ..view };
+    assert!(run(&blind, &plants).unwrap_err().to_string().contains("eye"));
+}
+
+#[test]
+fn the_report_names_the_worst_plants_and_counts_each_level() {
+    let plants = whole_meadow(1500);
+    let Quantized { palette, instances, report } = run(&Config::default(), &plants).unwrap();
+    let [of_plants, of_groups] = &report.levels[..] else { panic!("two levels") };
+    assert_eq!(of_plants.prototypes, palette.representatives.len() as u64);
+    assert_eq!(of_groups.instances, palette.groups.iter().map(|g| g.count).sum::<u64>());
+    assert_eq!(of_plants.instances + of_groups.instances, instances.len() as u64);
+    for kind in report.species.iter().filter(|kind| kind.species == "oak") {
+        let [worst, next, ..] = &kind.worst_plants[..] else { panic!("oaks stand in the scene") };
+        assert!(worst.distance >= next.distance);
+        let row = plants.plants.iter().position(|plant| plant.id == worst.plant).unwrap();
+        assert_eq!(instances.prototype[row], worst.representative);
+        assert!((f64::from(instances.scale[row]) - worst.height).abs() < 1e-6);
+    }
 }
 
 #[test]

@@ -9,8 +9,11 @@ table! {
         view: Written<String>;
         /// Pixels across and down.
         resolution: [u32; 2] = [960, 540], in 1.0..=16384.0;
-        /// Light paths traced for each pixel.
+        /// Light paths traced for each pixel; with `noise`, at most.
         samples: u32 = 24, in 1.0..=65536.0;
+        /// Noise at which a square of 16 x 16 pixels is good enough and gets no more samples: the
+        /// standard error of its pixels over its mean luminance. 0 takes all samples everywhere.
+        noise: f32 = 0.0, in 0.0..=1.0;
         /// Scattering events after which a path ends; 1 is direct light only.
         bounces: u32 = 6, in 1.0..=64.0;
         /// Stops by which the preview is brighter than the automatic exposure; the EXR is not
@@ -38,7 +41,7 @@ table! {
     }
 }
 
-/// Most pixels of a picture: 8K and a little more, some 12 GB while they are joined.
+/// Most pixels of a picture: 8K and a little more, some 13 GB while they are joined.
 const MOST_PIXELS: u64 = 40_000_000;
 
 impl Config {

@@ -1,5 +1,7 @@
 //! The film: what each pixel gathered, and the picture made of it.
 
+use crate::tone::{LUMINANCE, luminance};
+use glam::Vec3;
 use weald_contract::Picture;
 
 /// Value of `Z` where nothing but sky is seen, m: as Blender writes it, so that compositors
@@ -14,6 +16,10 @@ const MAX_RADIANCE: f64 = 65504.0;
 pub(crate) struct Pixel {
     /// Sum of radiance.
     pub radiance: [f64; 3],
+    /// The part of it that was scattered at most once.
+    pub direct: [f64; 3],
+    /// Sum of squares of luminance.
+    pub squares: f64,
     /// Samples taken.
     pub samples: u32,
     /// Samples that met something other than sky.
@@ -26,6 +32,33 @@ pub(crate) struct Pixel {
     pub nearest: Option<(f32, [f32; 3])>,
     /// Species and plant that most samples saw.
     pub seen: Vote,
+}
+
+impl Pixel {
+    /// Adds the light of a sample, of which `direct` was scattered at most once.
+    pub fn add_light(&mut self, light: Vec3, direct: Vec3) {
+        for axis in 0..3 {
+            self.radiance[axis] += f64::from(light[axis]);
+            self.direct[axis] += f64::from(direct[axis]);
+        }
+        self.squares += f64::from(luminance(light.to_array())).powi(2);
+    }
+
+    /// Sum of luminance.
+    pub fn brightness(&self) -> f64 {
+        let [r, g, b] = LUMINANCE.map(f64::from);
+        r * self.radiance[0] + g * self.radiance[1] + b * self.radiance[2]
+    }
+
+    /// Variance of the mean luminance, were the samples independent; 0 of fewer than two.
+    /// Samples are spread better than chance, so the true variance is smaller.
+    pub fn variance(&self) -> f64 {
+        let n = f64::from(self.samples);
+        if self.samples < 2 {
+            return 0.0;
+        }
+        (self.squares - self.brightness().powi(2) / n).max(0.0) / (n * (n - 1.0))
+    }
 }
 
 /// Majority vote over (species, plant) pairs in constant space [BM91].
@@ -80,7 +113,9 @@ impl Film {
     /// 1e10 for sky), `albedo.R/G/B`, `normal.X/Y/Z` (means over the part that is not sky),
     /// `position.X/Y/Z` (scene coordinates; Z is the altitude; the place `Z` belongs to),
     /// `species` and `plant` (of the majority; 0 where there is no plant; plant numbers modulo
-    /// 2²⁴, the largest whole number a float counts to), `samples`.
+    /// 2²⁴, the largest whole number a float counts to), `samples`, `direct.R/G/B` (the part of
+    /// `R G B` that comes straight from a light or was scattered once), `indirect.R/G/B` (the
+    /// rest), `variance` (of the luminance `R G B` has, (kcd/m²)²; an upper bound).
     pub fn picture(&self) -> Picture {
         let mut picture = Picture { width: self.width, height: self.height, channels: Vec::new() };
         let mut add = |name: &str, is_exact: bool, value: &dyn Fn(&Pixel) -> f32| {
@@ -103,6 +138,14 @@ impl Film {
         add("species", true, &|pixel| pixel.seen.candidate.0 as f32);
         add("plant", true, &|pixel| (pixel.seen.candidate.1 & 0xff_ffff) as f32);
         add("samples", true, &|pixel| pixel.samples as f32);
+        for (index, name) in ["direct.R", "direct.G", "direct.B"].into_iter().enumerate() {
+            add(name, false, &|pixel| mean(pixel.direct[index], pixel.samples));
+        }
+        for (index, name) in ["indirect.R", "indirect.G", "indirect.B"].into_iter().enumerate() {
+            let indirect = |pixel: &Pixel| pixel.radiance[index] - pixel.direct[index];
+            add(name, false, &|pixel| mean(indirect(pixel), pixel.samples));
+        }
+        add("variance", true, &|pixel| pixel.variance() as f32);
         picture
     }
 }
@@ -126,6 +169,18 @@ mod tests {
             vote.cast(5, plant);
         }
         assert_eq!(vote.candidate, (5, 2));
+    }
+
+    #[test]
+    fn the_variance_is_that_of_the_mean_of_independent_samples() {
+        let mut pixel = Pixel::default();
+        for grey in [1.0, 2.0, 3.0, 6.0] {
+            pixel.samples += 1;
+            pixel.add_light(Vec3::splat(grey), Vec3::ZERO);
+        }
+        // Squared deviations from the mean of 3 add up to 14; 14 / (4 - 1) / 4.
+        assert!((pixel.variance() - 14.0 / 12.0).abs() < 1e-6, "{}", pixel.variance());
+        assert_eq!(Pixel { samples: 1, ..pixel }.variance(), 0.0);
     }
 
     #[test]

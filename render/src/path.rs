@@ -18,10 +18,15 @@ use crate::tone::luminance;
 use crate::{Config, Error, water};
 use glam::Vec3;
 use rayon::prelude::*;
+use std::ops::Range;
 use weald_contract::{Progress, Seed, View, seed::mix};
 
 /// Side of the squares of pixels that threads take, pixels.
 const TILE: usize = 16;
+
+/// Samples after which the noise of a tile is looked at: as many as are spread evenly by fours
+/// in two dimensions.
+const ROUND: u32 = 16;
 
 /// Scatterings after which a path may end at random.
 const SURE_BOUNCES: u32 = 2;
@@ -59,6 +64,7 @@ pub fn render(
         filter: Filter::new(),
         seed: seed.part("render", 0),
         samples: config.samples,
+        noise: f64::from(config.noise),
         width,
         height,
     };
@@ -83,8 +89,8 @@ pub fn render(
     for tile in tiles {
         let tile = tile?;
         film.statistics.rays += tile.rays;
-        film.statistics.samples += tile.pixels.len() as u64 * u64::from(config.samples);
         for (index, pixel) in tile.pixels {
+            film.statistics.samples += u64::from(pixel.samples);
             film.pixels[index] = pixel;
         }
     }
@@ -110,6 +116,8 @@ struct Job<'a> {
     filter: Filter,
     seed: Seed,
     samples: u32,
+    /// Noise at which a tile is done, or 0.
+    noise: f64,
     width: usize,
     height: usize,
 }
@@ -126,14 +134,32 @@ impl Job<'_> {
         let rows = top..(top + TILE).min(self.height);
         let columns = left..(left + TILE).min(self.width);
         let places = rows.flat_map(|y| columns.clone().map(move |x| (x, y)));
-        let pixels =
-            places.map(|(x, y)| (y * self.width + x, self.pixel(x, y, &mut scratch))).collect();
-        Tile { pixels, rays: scratch.rays }
+        let mut pixels: Vec<_> = places.map(|place| (place, Pixel::default())).collect();
+        let mut taken = 0;
+        while taken < self.samples {
+            let next = if self.noise > 0.0 { taken + ROUND } else { self.samples };
+            let round = taken..next.min(self.samples);
+            taken = round.end;
+            for (place, pixel) in &mut pixels {
+                self.sample(*place, round.clone(), pixel, &mut scratch);
+            }
+            if is_quiet(pixels.iter().map(|(_, pixel)| pixel), self.noise) {
+                break;
+            }
+        }
+        let index = |((x, y), pixel)| (y * self.width + x, pixel);
+        Tile { pixels: pixels.into_iter().map(index).collect(), rays: scratch.rays }
     }
 
-    fn pixel(&self, x: usize, y: usize, scratch: &mut Scratch) -> Pixel {
-        let mut pixel = Pixel::default();
-        for sample in 0..self.samples {
+    /// Traces some of a pixel's samples.
+    fn sample(
+        &self,
+        (x, y): (usize, usize),
+        samples: Range<u32>,
+        pixel: &mut Pixel,
+        scratch: &mut Scratch,
+    ) {
+        for sample in samples {
             let mut sampler = Sampler::new(self.seed, (y * self.width + x) as u64, sample);
             let [fx, fy, lens_u, lens_v] = sampler.next();
             let at = |index: usize, offset: f32, count: usize| {
@@ -142,22 +168,19 @@ impl Job<'_> {
             let px = at(x, self.filter.offset(fx), self.width);
             let py = -at(y, self.filter.offset(fy), self.height);
             let ray = self.camera.ray(px, py, [lens_u, lens_v]);
-            let (light, seen) = self.tracer.trace(ray, &mut sampler, scratch);
-            self.expose(&mut pixel, light, seen);
+            let gathered = self.tracer.trace(ray, &mut sampler, scratch);
+            self.expose(pixel, &gathered);
         }
-        pixel
     }
 
     /// Adds one sample to a pixel.
-    fn expose(&self, pixel: &mut Pixel, light: Vec3, seen: Option<Seen>) {
+    fn expose(&self, pixel: &mut Pixel, gathered: &Gathered) {
         pixel.samples += 1;
         // One broken number would blacken the pixel for good.
-        if light.is_finite() {
-            for (sum, value) in pixel.radiance.iter_mut().zip(light.to_array()) {
-                *sum += f64::from(value);
-            }
+        if gathered.light.is_finite() {
+            pixel.add_light(gathered.light, gathered.direct);
         }
-        let Some(seen) = seen else {
+        let Some(seen) = gathered.seen else {
             pixel.seen.cast(0, 0);
             return;
         };
@@ -175,6 +198,26 @@ impl Job<'_> {
         }
         pixel.seen.cast(seen.species, seen.plant);
     }
+}
+
+/// Whether the standard error of pixels, over their mean luminance, is at most `noise`.
+fn is_quiet<'a>(pixels: impl Iterator<Item = &'a Pixel>, noise: f64) -> bool {
+    let (mut variance, mut light, mut count) = (0.0, 0.0, 0.0);
+    for pixel in pixels {
+        variance += pixel.variance();
+        light += pixel.brightness() / f64::from(pixel.samples.max(1));
+        count += 1.0;
+    }
+    // √(variance / count) <= noise · light / count, without roots and divisions.
+    variance * count <= (noise * light).powi(2)
+}
+
+/// What came along a path.
+struct Gathered {
+    light: Vec3,
+    /// The part that was scattered at most once.
+    direct: Vec3,
+    seen: Option<Seen>,
 }
 
 /// What a path met first.
@@ -208,6 +251,8 @@ struct Path {
     beta: Vec3,
     /// Light gathered.
     light: Vec3,
+    /// The part of it that was scattered at most once.
+    direct: Vec3,
     /// Scatterings so far.
     bounces: u32,
     /// Water surfaces crossed.
@@ -222,6 +267,16 @@ struct Path {
     seen: Option<Seen>,
 }
 
+impl Path {
+    /// Adds light that was scattered so many times on its way to the eye.
+    fn gather(&mut self, light: Vec3, scatterings: u32) {
+        self.light += light;
+        if scatterings <= 1 {
+            self.direct += light;
+        }
+    }
+}
+
 /// A surface that a path met.
 struct Vertex {
     position: Vec3,
@@ -233,16 +288,12 @@ struct Vertex {
 
 impl Tracer<'_> {
     /// Light along a ray, and what it meets first.
-    fn trace(
-        &self,
-        ray: Ray,
-        sampler: &mut Sampler,
-        scratch: &mut Scratch,
-    ) -> (Vec3, Option<Seen>) {
+    fn trace(&self, ray: Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Gathered {
         let mut path = Path {
             ray,
             beta: Vec3::ONE,
             light: Vec3::ZERO,
+            direct: Vec3::ZERO,
             bounces: 0,
             crossings: 0,
             in_water: false,
@@ -251,7 +302,7 @@ impl Tracer<'_> {
             seen: None,
         };
         while self.step(&mut path, sampler, scratch) {}
-        (path.light, path.seen)
+        Gathered { light: path.light, direct: path.direct, seen: path.seen }
     }
 
     /// Follows the path to its next event; returns whether it goes on.
@@ -282,7 +333,7 @@ impl Tracer<'_> {
         if path.is_straight {
             self.add_haze(path, distance);
         }
-        path.light += path.beta * vertex.emission;
+        path.gather(path.beta * vertex.emission, path.bounces);
         self.scatter(path, &vertex, sampler, scratch)
     }
 
@@ -334,11 +385,11 @@ impl Tracer<'_> {
         let dome = &self.scene.dome;
         let weight =
             path.drawn.map_or(1.0, |(pdf, chance)| heuristic(pdf, chance * dome.pdf(direction)));
-        path.light += path.beta * dome.radiance(direction) * weight;
+        path.gather(path.beta * dome.radiance(direction) * weight, path.bounces);
         if let (true, Some(sun)) = (path.is_straight, &dome.sun)
             && sun.covers(direction)
         {
-            path.light += path.beta * sun.radiance;
+            path.gather(path.beta * sun.radiance, path.bounces);
         }
     }
 
@@ -352,7 +403,7 @@ impl Tracer<'_> {
         let level = Vec3::new(path.ray.direction.x, path.ray.direction.y, 0.0);
         let glow =
             self.scene.dome.radiance((level.normalize_or(Vec3::Y) + 0.06 * Vec3::Z).normalize());
-        path.light += path.beta * glow * (1.0 - clear);
+        path.gather(path.beta * glow * (1.0 - clear), path.bounces);
         path.beta *= clear;
     }
 
@@ -411,7 +462,8 @@ impl Tracer<'_> {
             let dome = &self.scene.dome;
             let chance = if path.bounces == 1 { 1.0 } else { 1.0 - self.sun_chance() };
             let weight = heuristic(sample.pdf, chance * dome.pdf(ray.direction));
-            path.light += path.beta * dome.radiance(ray.direction) * weight * reach;
+            let light = dome.radiance(ray.direction) * weight * reach;
+            path.gather(path.beta * light, path.bounces);
         }
         false
     }
@@ -427,7 +479,7 @@ impl Tracer<'_> {
         if hit.is_some() {
             let place = levels.place(self.scene.solid, &hit);
             let material = &self.scene.materials[usize::from(place.face.material)];
-            path.light += path.beta * material.emission;
+            path.gather(path.beta * material.emission, path.bounces);
         }
     }
 
@@ -489,7 +541,7 @@ impl Tracer<'_> {
         if gain.max_element() > 0.0 {
             let ray = Ray { origin: from(direction), direction };
             let reach = self.reach(path, &ray, scratch);
-            path.light += gain * reach;
+            path.gather(gain * reach, path.bounces + 1);
         }
     }
 
@@ -701,7 +753,7 @@ mod tests {
         let mut scratch = Scratch::default();
         let light = |number: u32| {
             let mut sampler = Sampler::new(Seed(1), 5, number);
-            tracer.trace(ray(number), &mut sampler, &mut scratch).0.as_dvec3()
+            tracer.trace(ray(number), &mut sampler, &mut scratch).light.as_dvec3()
         };
         ((0..samples).map(light).sum::<glam::DVec3>() / f64::from(samples)).as_vec3()
     }
@@ -829,15 +881,23 @@ mod tests {
         assert!((got - expected).abs() < 0.03 * expected.max(0.3), "{got} {expected}");
     }
 
-    fn small(scene: &Scene, seed: u64) -> Film {
-        let config = Config {
+    fn config() -> Config {
+        Config {
             view: Written::default(),
             resolution: [40, 24],
             samples: 3,
+            noise: 0.0,
             bounces: 5,
             exposure: 0.0,
             aperture_mm: 20.0,
-        };
+        }
+    }
+
+    fn small(scene: &Scene, seed: u64) -> Film {
+        film(scene, seed, &config())
+    }
+
+    fn film(scene: &Scene, seed: u64, config: &Config) -> Film {
         let view = View {
             name: "v".into(),
             stand_at: [0.0, -4.0],
@@ -847,7 +907,7 @@ mod tests {
             fov_deg: 50.0,
             projection: weald_contract::Projection::Perspective,
         };
-        render(scene, &view, &config, Seed(seed), &Silent).unwrap()
+        render(scene, &view, config, Seed(seed), &Silent).unwrap()
     }
 
     fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
@@ -886,14 +946,7 @@ mod tests {
             }
         }
         let scene = Scene::of_mesh(&[], vec![], Dome::constant(1.0));
-        let config = Config {
-            view: Written::default(),
-            resolution: [8, 8],
-            samples: 1,
-            bounces: 1,
-            exposure: 0.0,
-            aperture_mm: 0.0,
-        };
+        let config = config();
         let view = View {
             name: "v".into(),
             stand_at: [0.0; 2],
@@ -967,5 +1020,65 @@ mod tests {
         // A ray within a rounding error of an edge may go either way.
         assert!(met.abs_diff(met_two) < count / 1000 && met.abs_diff(met_eight) < count / 1000);
         assert!(ours < two && ours < eight);
+    }
+
+    fn leafy() -> Scene {
+        let dome = Dome::new(&crate::Sky::clear_day());
+        Scene::of_mesh(&leaves(300), vec![material(0.4, 0.3)], dome)
+    }
+
+    #[test]
+    fn direct_and_indirect_light_are_those_of_one_scattering_and_of_more() {
+        // In a room of albedo 0.6 that emits 0.4, the first two terms of 0.4 Σ 0.6^k are direct.
+        let walls = Material { emission: Vec3::splat(0.4), ..material(0.6, 0.0) };
+        let scene = Scene::of_mesh(&room(), vec![walls], Dome::constant(0.0));
+        let tracer = Tracer { scene: &scene, bounces: 64 };
+        for number in 0..200 {
+            let mut sampler = Sampler::new(Seed(1), 5, number);
+            let got = tracer.trace(outwards(number), &mut sampler, &mut Scratch::default());
+            assert!((got.direct.x - 0.4 * 1.6).abs() < 1e-5, "{}", got.direct);
+        }
+        // With one scattering there is no other light.
+        let once = film(&leafy(), 1, &Config { bounces: 1, ..config() }).picture();
+        assert!(once.channel("indirect.G").unwrap().iter().all(|&light| light.abs() < 1e-6));
+        let more = small(&leafy(), 1).picture();
+        let [all, direct, indirect] =
+            ["G", "direct.G", "indirect.G"].map(|name| more.channel(name).unwrap());
+        assert!(indirect.iter().any(|&light| light > 0.0));
+        for ((all, direct), indirect) in all.iter().zip(direct).zip(indirect) {
+            assert!((all - direct - indirect).abs() < 1e-4 * all.max(1.0));
+        }
+    }
+
+    #[test]
+    fn more_samples_are_taken_only_where_there_is_noise() {
+        let scene = leafy();
+        let noise = 0.05;
+        let wanted = Config { samples: 1024, noise, resolution: [64, 48], ..config() };
+        let make = || film(&scene, 1, &wanted);
+        let one = with_threads(1, make);
+        let two = with_threads(2, make);
+        let picture = one.picture();
+        assert_eq!(picture, two.picture());
+        let samples = picture.channel("samples").unwrap();
+        // The upper corner is sky without a leaf; leaves against it need more.
+        assert_eq!(samples[0], ROUND as f32);
+        assert!(samples.iter().any(|&count| count > 2.0 * ROUND as f32));
+        let total: f64 = samples.iter().map(|&count| f64::from(count)).sum();
+        assert_eq!(one.statistics().samples, total as u64);
+        // The claimed noise against a picture with four times the samples and other numbers.
+        let fine = Config { samples: 600, noise: 0.0, ..wanted.clone() };
+        let truth = film(&scene, 2, &fine);
+        let (mut error, mut light, mut claimed) = (0.0, 0.0, 0.0);
+        for (got, truth) in one.pixels.iter().zip(&truth.pixels) {
+            let mean = |pixel: &Pixel| pixel.brightness() / f64::from(pixel.samples);
+            error += (mean(got) - mean(truth)).powi(2) - truth.variance();
+            claimed += got.variance();
+            light += mean(truth);
+        }
+        let count = one.pixels.len() as f64;
+        let measured = (error.max(0.0) / count).sqrt() / (light / count);
+        assert!(measured < f64::from(noise), "{measured}");
+        assert!(error < 1.1 * claimed, "{error} where {claimed} was claimed");
     }
 }

@@ -50,9 +50,12 @@ fn develop(rgb: [f32; 3]) -> [f32; 3] {
     })
 }
 
+/// Weights of red, green and blue in the luminance of linear Rec. 709.
+pub(crate) const LUMINANCE: [f32; 3] = [0.2126, 0.7152, 0.0722];
+
 /// Relative luminance of linear Rec. 709.
 pub(crate) fn luminance(rgb: [f32; 3]) -> f32 {
-    0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]
+    LUMINANCE[0] * rgb[0] + LUMINANCE[1] * rgb[1] + LUMINANCE[2] * rgb[2]
 }
 
 /// Factor that brings the log-average luminance to [`KEY`]; 1 for a black picture.

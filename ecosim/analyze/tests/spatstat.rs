@@ -3,6 +3,8 @@
 //! The data are GPL and stay outside this repository; without them the tests say so and pass.
 //! `WEALD_SHARED` names the folder that holds `data/stems`.
 
+#![allow(clippy::excessive_precision, reason = "values stand as R prints them, with 17 digits")]
+
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use weald_analyze::nearest::cross_g_table;

@@ -9,9 +9,11 @@
 pub mod frame;
 pub mod grass;
 pub mod herb;
+pub mod lsystem;
 pub mod material;
 pub mod mesh;
 pub mod organ;
+pub mod posture;
 pub mod presence;
 pub mod reed;
 pub mod skeleton;
@@ -19,6 +21,8 @@ pub mod weber_penn;
 
 pub use grass::Grass;
 pub use herb::Herb;
+pub use lsystem::Lsystem;
+pub use posture::Posture;
 pub use reed::Reed;
 pub use skeleton::Skeleton;
 pub use weber_penn::WeberPenn;
@@ -39,6 +43,10 @@ choice! {
         "reed" => Reed(Reed),
         /// Leafy stems with flower heads.
         "herb" => Herb(Herb),
+        /// Modules that rewrite themselves by productions.
+        "lsystem" => Lsystem(Lsystem),
+        /// Another form whose numbers follow age and vigor.
+        "posture" => Posture(Posture),
     }
 }
 
@@ -110,6 +118,20 @@ impl Form {
             Self::Grass(form) => form.check(),
             Self::Reed(form) => form.check(),
             Self::Herb(form) => form.check(),
+            Self::Lsystem(form) => form.check(),
+            Self::Posture(form) => form.check(),
+        }
+    }
+
+    /// Grows a plant of a form that has been checked.
+    fn grow(&self, age: f32, stature: &Stature, seed: Seed) -> Result<Skeleton, Problem> {
+        match self {
+            Self::WeberPenn(form) => Ok(form.grow(stature, seed)),
+            Self::Grass(form) => Ok(form.grow(stature, seed)),
+            Self::Reed(form) => Ok(form.grow(stature, seed)),
+            Self::Herb(form) => Ok(form.grow(stature, seed)),
+            Self::Lsystem(form) => form.grow(stature, seed),
+            Self::Posture(form) => form.grow(age, stature, seed),
         }
     }
 }
@@ -128,12 +150,7 @@ pub fn skeleton(
         return Err(problem.into());
     }
     let stature = Stature::new(size, plant)?;
-    Ok(match form {
-        Form::WeberPenn(form) => form.grow(&stature, seed),
-        Form::Grass(form) => form.grow(&stature, seed),
-        Form::Reed(form) => form.grow(&stature, seed),
-        Form::Herb(form) => form.grow(&stature, seed),
-    })
+    Ok(form.grow(plant.age, &stature, seed)?)
 }
 
 /// Grows a plant: its skeleton meshed, its organs instanced, its foot at the origin.

@@ -17,6 +17,14 @@ words! {
         Lobed = "lobed",
         /// Elliptic, as of tupelos and most herbs.
         Elliptic = "elliptic",
+        /// Widest near the tip, as of clovers and sassafras.
+        Obovate = "obovate",
+        /// A narrow strip, as of needles and bracts.
+        Linear = "linear",
+        /// A toothed heart, as of nettles and brambles.
+        Toothed = "toothed",
+        /// Cut to the midrib by teeth that point back, as of dandelions.
+        Runcinate = "runcinate",
     }
 }
 
@@ -28,6 +36,21 @@ fn half_outline(shape: LeafShape) -> &'static [[f32; 2]] {
         LeafShape::Lanceolate => &[[0.38, 0.25], [0.42, 0.6]],
         LeafShape::Lobed => &[[0.20, 0.25], [0.36, 0.45], [0.50, 0.66], [0.30, 0.93]],
         LeafShape::Elliptic => &[[0.40, 0.28], [0.42, 0.66]],
+        LeafShape::Obovate => &[[0.30, 0.45], [0.50, 0.80]],
+        LeafShape::Linear => &[[0.48, 0.10], [0.45, 0.85]],
+        LeafShape::Toothed => {
+            &[[0.42, 0.12], [0.5, 0.3], [0.4, 0.36], [0.41, 0.56], [0.28, 0.62], [0.2, 0.84]]
+        }
+        LeafShape::Runcinate => &[
+            [0.06, 0.22],
+            [0.22, 0.24],
+            [0.09, 0.36],
+            [0.32, 0.4],
+            [0.12, 0.52],
+            [0.42, 0.57],
+            [0.16, 0.68],
+            [0.5, 0.74],
+        ],
     }
 }
 
@@ -42,7 +65,8 @@ pub fn leaf_area(shape: LeafShape) -> f32 {
 /// A leaf one long and one wide, its halves folded up along the midrib and its length bent down.
 ///
 /// `fold` is the rise of the margin and `bend` the drop of the tip, both as parts of the length.
-/// Each half is a fan from the tip, two to four triangles.
+/// Each half is a fan from the tip where that fits the outline, or else a strip along the
+/// midrib.
 pub fn leaf(shape: LeafShape, fold: f32, bend: f32, material: u32) -> Mesh {
     let half = half_outline(shape);
     let height = |x: f32, y: f32| 2.0 * fold * x - bend * y * y;
@@ -54,6 +78,12 @@ pub fn leaf(shape: LeafShape, fold: f32, bend: f32, material: u32) -> Mesh {
     };
     let (base, tip) = (add(0.0, 0.0), add(0.0, 1.0));
     let mut triangles = Vec::new();
+    if !sees_whole_rim(half) {
+        let triangles = strips(half, [base, tip], &mut add);
+        mesh.triangles = triangles;
+        smooth(&mut mesh);
+        return mesh;
+    }
     for side in [1.0, -1.0] {
         let rim: Vec<u32> = half.iter().map(|&[x, y]| add(side * x, y)).collect();
         let rim: Vec<u32> = std::iter::once(base).chain(rim).collect();
@@ -65,6 +95,35 @@ pub fn leaf(shape: LeafShape, fold: f32, bend: f32, material: u32) -> Mesh {
     mesh.triangles = triangles;
     smooth(&mut mesh);
     mesh
+}
+
+/// Whether straight lines from the tip reach every point of the outline inside it.
+fn sees_whole_rim(half: &[[f32; 2]]) -> bool {
+    let slope = |p: &[f32; 2]| p[0] / (1.0 - p[1]);
+    half.windows(2).all(|pair| slope(&pair[0]) <= slope(&pair[1]))
+}
+
+/// Triangles of a leaf between its midrib and its rim, corner by corner.
+fn strips(
+    half: &[[f32; 2]],
+    [base, tip]: [u32; 2],
+    add: &mut impl FnMut(f32, f32) -> u32,
+) -> Vec<[u32; 3]> {
+    let midrib: Vec<u32> = half.iter().map(|&[_, y]| add(0.0, y)).collect();
+    let mut triangles = Vec::new();
+    for side in [1.0, -1.0] {
+        let rim: Vec<u32> = half.iter().map(|&[x, y]| add(side * x, y)).collect();
+        let mut face = |a: u32, b: u32, c: u32| {
+            triangles.push(if side > 0.0 { [a, b, c] } else { [a, c, b] });
+        };
+        face(base, rim[0], midrib[0]);
+        for i in 0..half.len() - 1 {
+            face(midrib[i], rim[i], rim[i + 1]);
+            face(midrib[i], rim[i + 1], midrib[i + 1]);
+        }
+        face(midrib[half.len() - 1], rim[half.len() - 1], tip);
+    }
+    triangles
 }
 
 /// Petals in a ring around +Y, opening towards it: `count` of length 1 and width `width`.
@@ -110,6 +169,28 @@ pub fn dome(sides: u32, height: f32, material: u32) -> Mesh {
     smooth(&mut mesh);
     mesh
 }
+
+/// A closed body of length 1 along +Y and width 1, pointed at both ends: buds, grains, berries.
+pub fn bead(sides: u32, material: u32) -> Mesh {
+    let mut mesh = Mesh { material, ..Mesh::default() };
+    mesh.positions.extend([[0.0, 0.0, 0.0], [0.0, 1.0, 0.0]]);
+    for y in BEAD_RINGS {
+        for side in 0..sides {
+            let (sin, cos) = libm::sincosf(std::f32::consts::TAU * side as f32 / sides as f32);
+            mesh.positions.push([0.5 * cos, y, 0.5 * sin]);
+        }
+    }
+    for side in 0..sides {
+        let (a, b) = (2 + side, 2 + (side + 1) % sides);
+        let (c, d) = (a + sides, b + sides);
+        mesh.triangles.extend([[0, a, b], [a, c, d], [a, d, b], [1, d, c]]);
+    }
+    smooth(&mut mesh);
+    mesh
+}
+
+/// Heights of the two widest rings of a bead: between them it is a cylinder.
+const BEAD_RINGS: [f32; 2] = [0.3, 0.65];
 
 /// A scar on a stem of radius 1 along +Y: a lens that lies on the side of +Z.
 pub fn scar(material: u32) -> Mesh {
@@ -160,8 +241,16 @@ fn smooth(mesh: &mut Mesh) {
 mod tests {
     use super::*;
 
-    const SHAPES: [LeafShape; 4] =
-        [LeafShape::Ovate, LeafShape::Lanceolate, LeafShape::Lobed, LeafShape::Elliptic];
+    const SHAPES: [LeafShape; 8] = [
+        LeafShape::Ovate,
+        LeafShape::Lanceolate,
+        LeafShape::Lobed,
+        LeafShape::Elliptic,
+        LeafShape::Obovate,
+        LeafShape::Linear,
+        LeafShape::Toothed,
+        LeafShape::Runcinate,
+    ];
 
     fn area(mesh: &Mesh) -> f32 {
         let corner = |i: u32| Vec3::from_array(mesh.positions[i as usize]);
@@ -177,12 +266,23 @@ mod tests {
             let mesh = leaf(shape, 0.0, 0.0, 0);
             assert!(mesh.is_sound(1));
             assert!((area(&mesh) - leaf_area(shape)).abs() < 0.02, "{shape:?}");
-            assert!((4..=8).contains(&mesh.triangles.len()));
+            assert!((4..=36).contains(&mesh.triangles.len()));
             assert!(mesh.normals.iter().all(|n| n[2] > 0.99));
             assert!(
                 mesh.positions.iter().all(|p| p[0].abs() <= 0.5 && (0.0..=1.0).contains(&p[1]))
             );
         }
+    }
+
+    #[test]
+    fn a_bead_is_closed_and_faces_outward() {
+        let mesh = bead(6, 0);
+        let corner = |i: u32| Vec3::from_array(mesh.positions[i as usize]);
+        let of = |t: &[u32; 3]| corner(t[0]).dot(corner(t[1]).cross(corner(t[2]))) / 6.0;
+        let volume: f32 = mesh.triangles.iter().map(of).sum();
+        // Two pyramids of height 0.65 together and a prism of 0.35 on a hexagon of radius 1/2.
+        let hexagon = 1.5 * 3_f32.sqrt() / 4.0;
+        assert!((volume - hexagon * (0.65 / 3.0 + 0.35)).abs() < 1e-5, "{volume}");
     }
 
     #[test]

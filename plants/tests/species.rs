@@ -158,7 +158,7 @@ fn no_material_gives_back_more_light_than_it_receives() {
             for material in kind.model(2.0, vigor).materials {
                 let through = match material.surface {
                     Surface::Leaf { transmittance } => transmittance,
-                    Surface::Opaque | Surface::Light { .. } => [0.0; 3],
+                    _ => [0.0; 3],
                 };
                 let sums = material.reflectance.iter().zip(through).map(|(r, t)| r + t);
                 assert!(sums.fold(0.0, f32::max) <= 0.951, "{}: {}", kind.name, material.name);
@@ -211,7 +211,8 @@ fn a_small_step_of_age_or_vigor_makes_a_small_change() {
                 let (a, b) = (before.organs.len() as f32, after.organs.len() as f32);
                 assert!(close(a, b, part * a + 8.0), "{}: {a} to {b} organs", kind.name);
                 let (a, b) = (organ_area(&before), organ_area(&after));
-                assert!(close(a, b, 0.0), "{} of {age} years: {a} to {b}", kind.name);
+                // The first organ begins with no area at all: one mm² is free.
+                assert!(close(a, b, 1e-6), "{} of {age} years: {a} to {b}", kind.name);
                 let (a, b) = (total_length(&before), total_length(&after));
                 assert!(close(a, b, 0.0), "{} of {age} years: {a} m to {b} m", kind.name);
                 let (a, b) = (before.height(), after.height());

@@ -1,5 +1,6 @@
 //! The `[terrain]` table: what a scene says about its ground.
 
+use crate::environment::{self, Environment};
 use crate::mask::Masks;
 use crate::operator::{Blend, Operator};
 use weald_contract::table::Tagged;
@@ -18,6 +19,12 @@ table! {
         water: Water = Water::default();
         /// Finer patches around views.
         detail: Vec<Detail> = Vec::new();
+        /// Part of the source that is kept: west, south, east, north, m from its south-west corner.
+        crop: Option<Written<[f64; 4]>> = None, in -1000000.0..=10000000.0;
+        /// Layers made beside those that later stages read.
+        layers: Vec<Written<String>> = Vec::new();
+        /// What those layers need to know: latitude, air, soil.
+        environment: Environment = Environment::default();
     }
 }
 
@@ -97,8 +104,13 @@ impl Config {
         let mut inputs = vec![source];
         for (index, op) in self.op.iter().enumerate().filter(|(_, op)| op.common.enabled) {
             let images = op.common.mask.0.iter().filter_map(|mask| mask.image.clone());
-            inputs.extend(images.map(|path| Input {
-                field: format!("terrain.op[{index}].mask.image"),
+            let images = images.map(|path| ("mask.image", path));
+            let painted = match &op.variant {
+                Operator::Layer(edit) => edit.image.clone().map(|path| ("image", path)),
+                _ => None,
+            };
+            inputs.extend(images.chain(painted).map(|(field, path)| Input {
+                field: format!("terrain.op[{index}].{field}"),
                 path,
                 kind: InputKind::Image,
             }));
@@ -110,14 +122,37 @@ impl Config {
     pub fn check(&self, views: &[View]) -> Problems {
         let mut problems = Vec::new();
         for op in self.op.iter().filter(|op| op.common.enabled) {
-            op.variant.check(&op.common, &mut problems);
+            op.variant.check(&op.common, self, &mut problems);
             op.common.mask.check(&mut problems);
         }
         self.check_names(&mut problems);
+        environment::check_names(&self.layers, &mut problems);
+        self.environment.check(&mut problems);
+        if let Some(crop) = &self.crop {
+            let [west, south, east, north] = crop.value;
+            if west >= east || south >= north {
+                let problem = Problem::at(crop.span, "this rectangle has no inside");
+                problems.push(problem.hint("write [west, south, east, north]"));
+            }
+        }
         for detail in &self.detail {
             detail.check(self.cell.as_ref().map(|cell| cell.value), views, &mut problems);
         }
         problems
+    }
+
+    /// Names of the layers that this terrain will have, sorted: what formulas may read.
+    pub fn layer_names(&self) -> Vec<&str> {
+        environment::wanted(self).into_iter().collect()
+    }
+
+    /// Layers that operators replace or blend.
+    pub(crate) fn edited_layers(&self) -> impl Iterator<Item = &str> {
+        let edits = self.op.iter().filter(|op| op.common.enabled);
+        edits.filter_map(|op| match &op.variant {
+            Operator::Layer(edit) => Some(edit.layer.value.as_str()),
+            _ => None,
+        })
     }
 
     /// Names key random streams: two operators of one name would be made of the same noise.

@@ -7,9 +7,11 @@
 
 use crate::Error;
 use crate::config::{Config, Detail};
+use crate::environment::Source;
 use crate::import::Ground;
 use crate::lattice::Lattice;
 use crate::mask::Map;
+use crate::overlay;
 use crate::resample::{bicubic, by_row};
 use crate::spline::smoothstep;
 use crate::stack::{Shaped, check_finite, halo, replay, sample};
@@ -36,6 +38,8 @@ pub(crate) struct Patches<'a> {
     pub map: &'a Map<'a>,
     /// Views, around which patches lie.
     pub views: &'a [View],
+    /// What layers on demand are made from.
+    pub environment: Source<'a>,
 }
 
 impl Patches<'_> {
@@ -47,7 +51,7 @@ impl Patches<'_> {
         layers: &Layers,
         progress: &dyn Progress,
     ) -> Result<Vec<Layers>, Error> {
-        let Self { ground, shaped, .. } = self;
+        let Self { ground, shaped, map, .. } = self;
         progress.begin("detail", config.detail.len() as u64, "patches");
         let spread_level = spread_level(&shaped.lattice, &water.standing);
         let patch = |detail: &Detail| {
@@ -57,6 +61,8 @@ impl Patches<'_> {
             let mut patch = water::local_layers(ground, &lattice, &altitude, &level);
             patch.crs = layers.crs.clone();
             add_hydrology(&mut patch, &lattice, &shaped.lattice, layers);
+            self.environment.extend_patch(&mut patch, &lattice, layers);
+            overlay::run(config, &lattice, map, &mut patch)?;
             progress.advance(1);
             Ok(patch)
         };

@@ -362,6 +362,79 @@ pub fn accumulate(width: usize, directions: &[u8], mut amounts: Vec<f64>) -> Vec
     amounts
 }
 
+/// Number of cells that drain through each, itself included, along `directions`.
+///
+/// What [`accumulate`] gives for amounts of 1, in whole numbers: half the memory, and the fastest
+/// way to areas. Fewer than 2³² cells.
+pub fn drained_cells(width: usize, directions: &[u8]) -> Vec<u32> {
+    /// No cell waits for this one any more.
+    const DONE: u8 = 255;
+    let mut waiting = donors(width, directions);
+    let mut cells = vec![1u32; directions.len()];
+    let steps = STEPS.map(|(right, down)| down * width as isize + right);
+    for start in 0..directions.len() {
+        let mut cell = start;
+        while waiting[cell] == 0 {
+            waiting[cell] = DONE;
+            let direction = directions[cell];
+            if direction >= OUT {
+                break;
+            }
+            let next = cell.wrapping_add_signed(steps[direction as usize & 7]);
+            cells[next] += cells[cell];
+            waiting[next] -= 1;
+            cell = next;
+        }
+    }
+    cells
+}
+
+/// All cells in an order in which each comes before the one it drains to.
+pub fn upstream_first(width: usize, directions: &[u8]) -> Vec<u32> {
+    let mut waiting = donors(width, directions);
+    let mut order = Vec::with_capacity(directions.len());
+    let is_source = |waiting: &[u8], cell: usize| waiting[cell] == 0;
+    let sources: Vec<usize> = (0..directions.len()).filter(|&c| is_source(&waiting, c)).collect();
+    for mut cell in sources {
+        loop {
+            order.push(cell as u32);
+            if directions[cell] >= OUT {
+                break;
+            }
+            cell = neighbor(cell, directions[cell], width);
+            waiting[cell] -= 1;
+            if waiting[cell] > 0 {
+                break;
+            }
+        }
+    }
+    order
+}
+
+/// How many neighbours drain into each cell: gathered row by row, in parallel.
+fn donors(width: usize, directions: &[u8]) -> Vec<u8> {
+    let height = directions.len() / width.max(1);
+    let mut donors = vec![0u8; directions.len()];
+    donors.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, donors)| {
+        for (direction, (right, down)) in (0u8..8).zip(STEPS) {
+            // Who drains here in this direction lies against it.
+            let Some(from) = row.checked_add_signed(-down).filter(|from| *from < height) else {
+                continue;
+            };
+            let line = &directions[from * width..][..width];
+            let (to, from) = match right {
+                1 => (&mut donors[1..], &line[..width - 1]),
+                -1 => (&mut donors[..width - 1], &line[1..]),
+                _ => (&mut donors[..], line),
+            };
+            for (count, code) in to.iter_mut().zip(from) {
+                *count += u8::from(*code == direction);
+            }
+        }
+    });
+    donors
+}
+
 /// Lower neighbours of a cell, with the shares of its water that they take.
 #[derive(Clone, Copy, Debug)]
 pub struct LowerNeighbors {
@@ -484,10 +557,46 @@ pub fn drain_through_floors(width: usize, altitude: &[f32], flood: &mut Flood) {
     }
 }
 
+/// Rough hills with many hollows, for measurements.
+#[cfg(test)]
+pub(crate) fn rough_hills(side: usize) -> Vec<f32> {
+    let shape = crate::noise::NoiseShape {
+        kind: crate::noise::NoiseKind::Fbm,
+        wavelength: side as f64 / 3.0,
+        octaves: 10,
+        roughness: 0.5,
+        roughness_change: 0.0,
+        lacunarity: 2.0,
+    };
+    let noise = crate::noise::Fractal::new(shape, 7, 0.0);
+    let z = |i: usize| 750.0 * noise.at((i % side) as f64, (i / side) as f64);
+    (0..side * side).into_par_iter().map(|i| z(i) as f32).collect()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    #[ignore = "a measurement, printed for people: run with --release --nocapture"]
+    fn speed_of_drainage() {
+        let side = 4096;
+        let ground = rough_hills(side);
+        let rate = |name: &str, work: &mut dyn FnMut()| {
+            let start = std::time::Instant::now();
+            work();
+            let rate = ground.len() as f64 / start.elapsed().as_secs_f64() / 1e6;
+            println!("{name}: {rate:.1} Mcell/s");
+        };
+        let mut flood = None;
+        rate("fill", &mut || flood = Some(fill(side, side, &ground)));
+        let Some(flood) = flood else { return };
+        let mut ways = Vec::new();
+        rate("D8", &mut || ways = directions(side, side, &flood));
+        rate("accumulate numbers", &mut || drop(drained_cells(side, &ways)));
+        rate("accumulate amounts", &mut || drop(accumulate(side, &ways, vec![1.0; ways.len()])));
+    }
 
     fn area(width: usize, height: usize, altitude: &[f32]) -> Vec<f64> {
         let flood = fill(width, height, altitude);
@@ -608,6 +717,16 @@ mod tests {
                 let area = accumulate(width, &directions, vec![1.0; altitude.len()]);
                 let out = directions.iter().zip(&area).filter(|(d, _)| **d == OUT).map(|(_, a)| a);
                 prop_assert_eq!(out.sum::<f64>(), altitude.len() as f64);
+                let cells = drained_cells(width, &directions);
+                prop_assert!(cells.iter().zip(&area).all(|(n, a)| f64::from(*n) == *a));
+                let mut place = vec![usize::MAX; altitude.len()];
+                for (index, cell) in upstream_first(width, &directions).into_iter().enumerate() {
+                    place[cell as usize] = index;
+                }
+                prop_assert!(place.iter().all(|place| *place < altitude.len()));
+                for (cell, &d) in directions.iter().enumerate().filter(|(_, d)| **d < OUT) {
+                    prop_assert!(place[cell] < place[neighbor(cell, d, width)]);
+                }
             }
         }
 

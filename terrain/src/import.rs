@@ -1,10 +1,11 @@
 //! From an elevation model to ground that the stack can work on: checked, whole, on its grid.
 
 use crate::config::Config;
+use crate::lattice::Lattice;
 use crate::nearest::nearest_marked;
 use crate::resample::resample;
 use crate::{Error, check_cancelled};
-use weald_contract::{Frame, Grid, Problem, Progress, Raster};
+use weald_contract::{Frame, Grid, Problem, Progress, Raster, Written};
 
 /// The ground before the first operator.
 pub(crate) struct Ground {
@@ -37,9 +38,10 @@ pub(crate) fn ground(
     progress: &dyn Progress,
 ) -> Result<Ground, Error> {
     check_source(config, elevation)?;
-    let frame = target_frame(config, &elevation.grid.frame)?;
+    let cropped = config.crop.as_ref().map(|crop| cropped(crop, &elevation.grid)).transpose()?;
+    let source = cropped.as_ref().unwrap_or(&elevation.grid);
+    let frame = target_frame(config, &source.frame)?;
     progress.begin("ground", 1, "grid");
-    let source = &elevation.grid;
     let (values, mended) = mend(config, source)?;
     check_cancelled(progress)?;
     let is_same = frame == source.frame;
@@ -52,6 +54,29 @@ pub(crate) fn ground(
     };
     progress.advance(1);
     Ok(ground)
+}
+
+/// The cells of a grid whose centres lie in a rectangle, given from its south-west corner.
+fn cropped(crop: &Written<[f64; 4]>, grid: &Grid) -> Result<Grid, Problem> {
+    let whole = Lattice::of(&grid.frame);
+    let range = |low: f64, high: f64, count: usize| {
+        let place = |edge: f64| (edge / whole.cell).round().clamp(0.0, count as f64) as usize;
+        (place(low), place(high) - place(low))
+    };
+    let [west, south, east, north] = crop.value;
+    let (first_column, width) = range(west, east, whole.width);
+    let (first_row, height) = range(south, north, whole.height);
+    if width < MIN_SIDE || height < MIN_SIDE {
+        let message = format!("this leaves {width} × {height} cells of the elevation model");
+        return Err(Problem::at(crop.span, message).hint(format!(
+            "at least {MIN_SIDE} × {MIN_SIDE} are needed; the model is {} × {} m",
+            whole.width as f64 * whole.cell,
+            whole.height as f64 * whole.cell
+        )));
+    }
+    let part = Lattice { west: first_column, south: first_row, width, height, ..whole };
+    let frame = part.frame((grid.frame.west, grid.frame.south));
+    Ok(Grid { frame, values: whole.crop(&grid.values, &part) })
 }
 
 fn check_source(config: &Config, elevation: &Raster) -> Result<(), Problem> {

@@ -11,6 +11,10 @@
 mod config;
 pub mod derive;
 mod detail;
+pub mod disperse;
+mod editor;
+mod environment;
+mod erosion;
 pub mod flow;
 pub mod hollow;
 mod import;
@@ -19,21 +23,31 @@ mod mask;
 mod nearest;
 mod noise;
 mod operator;
+mod overlay;
 pub mod rain;
 mod resample;
+mod road;
 mod spline;
 mod stack;
+mod stamp;
 mod stream;
+pub mod sun;
 mod water;
 
 pub use config::{Config, Detail, LayerCommon, Water};
-pub use mask::{Disc, Line, Mask, Masks, NoiseMask};
+pub use editor::Editor;
+pub use environment::{CATALOGUE, Environment, LayerKind, Routing, kind};
+pub use erosion::{Erode, Thermal};
+pub use mask::{Combine, Disc, Line, Mask, Masks, NoiseMask};
 pub use noise::{Fractal, NoiseKind, NoiseShape};
 pub use operator::{Blend, Clamp, Flatten, Lake, Noise, Offset, Operator, Scale, Smooth, Terrace};
+pub use overlay::LayerEdit;
+pub use road::Road;
+pub use stamp::{Crater, Hill, Remap, Translate};
 pub use stream::StreamCut;
 
 use std::collections::BTreeMap;
-use weald_contract::{Image, Layers, Problem, Progress, Raster, Seed, View};
+use weald_contract::{Crs, Image, Layers, Problem, Progress, Raster, Seed, View};
 
 /// Raised whenever the same configuration gives other bytes than before.
 pub const OUTPUT_VERSION: u32 = 1;
@@ -52,8 +66,7 @@ pub enum Error {
 /// Builds a terrain: the layers of the whole ground, and finer patches where `config` asks.
 ///
 /// `elevation` is the opened `config.source`; `images` holds the opened mask images by their path
-/// as written. Layers: `altitude`, `filled`, `slope`, `aspect`, `upslope_area`, `wetness`,
-/// `water_depth`, `soil_moisture`, each with unit and definition.
+/// as written. Layers: those that [`Config::layer_names`] lists, each with unit and definition.
 ///
 /// # Errors
 /// The first [`Problem`] of [`Config::check`], or what only the data can show: an elevation model
@@ -71,13 +84,42 @@ pub fn build(
         return Err(problem.into());
     }
     let ground = import::ground(config, elevation, progress)?;
-    let map = mask::Map { frame: ground.frame, images };
-    let shaped = stack::shape(config, &ground, &map, seed, progress)?;
-    let hydrology = water::settle(config, &shaped, progress)?;
-    let mut layers = water::layers(&ground, &shaped, &hydrology, &elevation.crs);
-    let patches = detail::Patches { ground: &ground, shaped: &shaped, map: &map, views };
-    layers.detail = patches.build(config, &hydrology, &layers, progress)?;
-    Ok(layers)
+    // Nothing is asked for twice here: the cache holds nothing.
+    let mut cache = stack::Cache::new(0);
+    let parts = Parts { ground: &ground, crs: &elevation.crs, images, views, seed };
+    parts.layers(config, &mut cache, progress)
+}
+
+/// What a terrain is made of besides its configuration.
+struct Parts<'a> {
+    ground: &'a import::Ground,
+    crs: &'a Crs,
+    images: &'a BTreeMap<String, Image>,
+    views: &'a [View],
+    seed: Seed,
+}
+
+impl Parts<'_> {
+    /// All layers of a configuration that was checked.
+    fn layers(
+        &self,
+        config: &Config,
+        cache: &mut stack::Cache,
+        progress: &dyn Progress,
+    ) -> Result<Layers, Error> {
+        let Self { ground, crs, images, views, seed } = *self;
+        let map = mask::Map { frame: ground.frame, images };
+        let shaped = stack::shape(config, ground, &map, seed, cache, progress)?;
+        let hydrology = water::settle(config, &shaped, progress)?;
+        let mut layers = water::layers(ground, &shaped, &hydrology, crs);
+        let environment = environment::Source { config, shaped: &shaped, water: &hydrology };
+        environment.extend(&mut layers, progress)?;
+        let patches = detail::Patches { ground, shaped: &shaped, map: &map, views, environment };
+        // Patches take the layers as they were made, and are edited on their own cells.
+        layers.detail = patches.build(config, &hydrology, &layers, progress)?;
+        overlay::run(config, &shaped.lattice, &map, &mut layers)?;
+        Ok(layers)
+    }
 }
 
 /// `Err(Cancelled)` when the user asked to stop.

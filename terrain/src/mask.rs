@@ -1,10 +1,11 @@
 //! Masks: where an operator acts, from 0 (not at all) to 1 (in full).
 //!
-//! Conditions of one mask multiply, and so do the masks of a list. Bands of slope and altitude are
+//! Conditions of one mask multiply, and so do the masks of a list unless one says otherwise. Bands of slope and altitude are
 //! soft over `falloff` in their own unit, shapes over `feather` metres, both outwards, along the
 //! same spline.
 
 use crate::derive;
+use crate::flow;
 use crate::lattice::Lattice;
 use crate::noise::{Fractal, NoiseKind, NoiseShape};
 use crate::spline::{Polyline, influence, smoothstep};
@@ -12,7 +13,7 @@ use std::collections::BTreeMap;
 use weald_contract::formula::Variable;
 use weald_contract::table::{Json, Kind, Value};
 use weald_contract::{
-    Formula, Frame, FromToml, Image, Problem, Problems, Seed, Span, Written, table,
+    Formula, Frame, FromToml, Image, Layers, Problem, Problems, Seed, Span, Written, table, words,
 };
 
 table! {
@@ -22,7 +23,17 @@ table! {
         slope_deg: Option<Written<[f64; 2]>> = None, in 0.0..=90.0;
         /// Altitude from … to …, m.
         altitude: Option<Written<[f64; 2]>> = None, in -100000.0..=100000.0;
-        /// Width of the ramp at the ends of a band, in its unit (degrees or m).
+        /// Aspect from … clockwise to …, degrees; [315, 45] is the north. Level ground has none.
+        aspect_deg: Option<Written<[f64; 2]>> = None, in 0.0..=360.0;
+        /// Curvature across the slope from … to …, 1/m; ridges are positive.
+        curvature_plan: Option<Written<[f64; 2]>> = None, in -1000.0..=1000.0;
+        /// Curvature along the slope from … to …, 1/m; positive where it steepens downwards.
+        curvature_profile: Option<Written<[f64; 2]>> = None, in -1000.0..=1000.0;
+        /// Area that drains through the place, from … to …, m2.
+        upslope_area: Option<Written<[f64; 2]>> = None, in 0.0..=1e15;
+        /// Topographic wetness index from … to ….
+        wetness: Option<Written<[f64; 2]>> = None, in -100.0..=100.0;
+        /// Width of the ramp at the ends of a band, in its unit.
         falloff: f64 = 0.0, in 0.0..=100000.0;
         /// A disc.
         disc: Option<Disc> = None;
@@ -36,12 +47,47 @@ table! {
         noise: Option<NoiseMask> = None;
         /// An image over the whole terrain; white is 1.
         image: Option<Written<String>> = None;
-        /// A formula over `altitude` (m), `slope` and `aspect` (degrees), `x` and `y` (m).
+        /// A formula over `altitude` (m), `slope` and `aspect` (degrees), `curvature_plan` and
+        /// `curvature_profile` (1/m), `upslope_area` (m2), `wetness`, `x` and `y` (m).
         formula: Option<Written<Formula>> = None;
         /// Width of the ramp around shapes, m.
         feather: f64 = 0.0, in 0.0..=100000.0;
         /// Whether the mask is 1 where it would be 0.
         invert: bool = false;
+        /// How it joins the masks before it in a list.
+        combine: Combine = Combine::Multiply;
+    }
+}
+
+words! {
+    /// How a mask joins those before it; results are held between 0 and 1.
+    pub enum Combine {
+        /// Both.
+        Multiply = "multiply",
+        /// The sum.
+        Add = "add",
+        /// What was there less this.
+        Subtract = "subtract",
+        /// The lesser.
+        Min = "min",
+        /// The greater: either.
+        Max = "max",
+        /// The mean.
+        Mean = "mean",
+    }
+}
+
+impl Combine {
+    fn join(self, before: f32, value: f32) -> f32 {
+        let joined = match self {
+            Self::Multiply => before * value,
+            Self::Add => before + value,
+            Self::Subtract => before - value,
+            Self::Min => before.min(value),
+            Self::Max => before.max(value),
+            Self::Mean => 0.5 * (before + value),
+        };
+        joined.clamp(0.0, 1.0)
     }
 }
 
@@ -109,6 +155,11 @@ impl Masks {
         self.0.iter().any(Mask::reads_slope)
     }
 
+    /// Whether a value depends on the whole ground above it.
+    pub(crate) fn reads_flow(&self) -> bool {
+        self.0.iter().any(Mask::reads_flow)
+    }
+
     /// Makes the masks ready for grids with cells of `cell` metres.
     pub(crate) fn prepare<'a>(&self, map: &Map<'a>, cell: f64) -> Result<Vec<Ready<'a>>, Problem> {
         self.0.iter().map(|mask| mask.prepare(map, cell)).collect()
@@ -117,7 +168,15 @@ impl Masks {
 
 impl Mask {
     fn check(&self, problems: &mut Problems) {
-        for (name, band) in [("slope_deg", &self.slope_deg), ("altitude", &self.altitude)] {
+        let bands = [
+            ("slope_deg", &self.slope_deg),
+            ("altitude", &self.altitude),
+            ("curvature_plan", &self.curvature_plan),
+            ("curvature_profile", &self.curvature_profile),
+            ("upslope_area", &self.upslope_area),
+            ("wetness", &self.wetness),
+        ];
+        for (name, band) in bands {
             if let Some(band) = band.as_ref().filter(|band| band.value[0] > band.value[1]) {
                 let message =
                     format!("`{name}` runs from {} down to {}", band.value[0], band.value[1]);
@@ -152,25 +211,51 @@ impl Mask {
             if FormulaInput::of(variable).is_none() {
                 // Past the opening quote.
                 let span = formula.span.narrow(span.start + 1..span.end + 1);
-                problems.push(
-                    Problem::at(span, "a mask does not know this name")
-                        .hint("known here: altitude, slope, aspect, x, y"),
-                );
+                problems.push(Problem::at(span, "a mask does not know this name").hint(
+                    "known here: altitude, slope, aspect, curvature_plan, \
+                               curvature_profile, upslope_area, wetness, x, y",
+                ));
             }
         }
     }
 
+    fn formula_inputs(&self) -> impl Iterator<Item = FormulaInput> {
+        let variables = self.formula.iter().flat_map(|formula| formula.value.variables());
+        variables.filter_map(FormulaInput::of)
+    }
+
     fn reads_slope(&self) -> bool {
-        let inputs = self.formula.iter().flat_map(|formula| formula.value.variables());
-        let by_formula = inputs
-            .filter_map(FormulaInput::of)
-            .any(|input| matches!(input, FormulaInput::Slope | FormulaInput::Aspect));
-        self.slope_deg.is_some() || by_formula
+        use FormulaInput::{Altitude, X, Y};
+        self.slope_deg.is_some()
+            || self.aspect_deg.is_some()
+            || self.curvature_plan.is_some()
+            || self.curvature_profile.is_some()
+            || self.reads_flow()
+            || self.formula_inputs().any(|input| !matches!(input, Altitude | X | Y))
+    }
+
+    fn reads_flow(&self) -> bool {
+        use FormulaInput::{UpslopeArea, Wetness};
+        self.upslope_area.is_some()
+            || self.wetness.is_some()
+            || self.formula_inputs().any(|input| matches!(input, UpslopeArea | Wetness))
     }
 
     fn prepare<'a>(&self, map: &Map<'a>, cell: f64) -> Result<Ready<'a>, Problem> {
         let (falloff, feather) = (self.falloff, self.feather);
         let mut conditions = Vec::new();
+        let aspect = self.aspect_deg.as_ref();
+        conditions.extend(aspect.map(|w| Condition::Aspect { arc: w.value, falloff }));
+        let bands = [
+            (&self.curvature_plan, FormulaInput::CurvaturePlan),
+            (&self.curvature_profile, FormulaInput::CurvatureProfile),
+            (&self.upslope_area, FormulaInput::UpslopeArea),
+            (&self.wetness, FormulaInput::Wetness),
+        ];
+        for (band, input) in bands {
+            let band = band.as_ref();
+            conditions.extend(band.map(|w| Condition::Band { input, band: w.value, falloff }));
+        }
         conditions
             .extend(self.slope_deg.as_ref().map(|w| Condition::Slope { band: w.value, falloff }));
         conditions
@@ -204,7 +289,7 @@ impl Mask {
             let inputs = formula.value.variables().iter().filter_map(FormulaInput::of).collect();
             conditions.push(Condition::Formula { formula: formula.value.clone(), inputs });
         }
-        Ok(Ready { conditions, invert: self.invert })
+        Ok(Ready { conditions, invert: self.invert, combine: self.combine })
     }
 }
 
@@ -248,7 +333,7 @@ impl<'a> Map<'a> {
     ///
     /// One that the map knows keeps its place; another covers the terrain. Then pixels need not be
     /// quite square, which the frame cannot say: heights are stretched to fit.
-    fn image(&self, path: &Written<String>) -> Result<(&'a Image, ImageFrame), Problem> {
+    pub(crate) fn image(&self, path: &Written<String>) -> Result<(&'a Image, ImageFrame), Problem> {
         let missing =
             || Problem::at(path.span, format!("the image `{}` was not opened", path.value));
         let image = self.images.get(&path.value).ok_or_else(missing)?;
@@ -283,10 +368,20 @@ impl<'a> Map<'a> {
 
 /// Where an image lies: pixel coordinates are `(scene + offset) * scale`.
 #[derive(Clone, Debug)]
-struct ImageFrame {
+pub(crate) struct ImageFrame {
     pixels: Frame,
     offset: [f64; 2],
     scale: [f64; 2],
+}
+
+impl ImageFrame {
+    /// Value at a point in scene coordinates; `None` beyond an image that lies elsewhere on the
+    /// map, where nothing was painted.
+    pub(crate) fn sample(&self, pixels: &[f32], x: f64, y: f64) -> Option<f32> {
+        let x = (x + self.offset[0]) * self.scale[0];
+        let y = (y + self.offset[1]) * self.scale[1];
+        self.pixels.contains(x, y).then(|| self.pixels.sample(pixels, x, y))
+    }
 }
 
 /// A mask ready to be evaluated.
@@ -294,12 +389,15 @@ struct ImageFrame {
 pub(crate) struct Ready<'a> {
     conditions: Vec<Condition<'a>>,
     invert: bool,
+    combine: Combine,
 }
 
 #[derive(Clone, Debug)]
 enum Condition<'a> {
     Slope { band: [f64; 2], falloff: f64 },
     Altitude { band: [f64; 2], falloff: f64 },
+    Aspect { arc: [f64; 2], falloff: f64 },
+    Band { input: FormulaInput, band: [f64; 2], falloff: f64 },
     Disc { disc: Disc, feather: f64 },
     Rectangle { sides: [f64; 4], feather: f64 },
     Polygon { ring: Polyline, feather: f64 },
@@ -315,6 +413,10 @@ enum FormulaInput {
     Altitude,
     Slope,
     Aspect,
+    CurvaturePlan,
+    CurvatureProfile,
+    UpslopeArea,
+    Wetness,
     X,
     Y,
 }
@@ -325,6 +427,10 @@ impl FormulaInput {
             Variable::Layer(name) if name == "altitude" => Some(Self::Altitude),
             Variable::Layer(name) if name == "slope" => Some(Self::Slope),
             Variable::Layer(name) if name == "aspect" => Some(Self::Aspect),
+            Variable::Layer(name) if name == "curvature_plan" => Some(Self::CurvaturePlan),
+            Variable::Layer(name) if name == "curvature_profile" => Some(Self::CurvatureProfile),
+            Variable::Layer(name) if name == "upslope_area" => Some(Self::UpslopeArea),
+            Variable::Layer(name) if name == "wetness" => Some(Self::Wetness),
             Variable::X => Some(Self::X),
             Variable::Y => Some(Self::Y),
             _ => None,
@@ -341,6 +447,43 @@ pub(crate) struct Row<'a> {
     pub altitude: &'a [f32],
     /// Which row, from the north.
     pub row: usize,
+    /// What only the whole ground can tell, where a mask asks for it.
+    pub whole: Option<&'a Whole>,
+}
+
+/// Fields that follow from the whole ground.
+#[derive(Clone, Debug)]
+pub(crate) struct Whole {
+    /// Area that drains through each cell by steepest descent, m².
+    upslope_area: Vec<f32>,
+    /// Topographic wetness index over that area.
+    wetness: Vec<f32>,
+}
+
+impl Whole {
+    /// The fields, if a mask asks for them.
+    pub fn of(masks: &Masks, lattice: &Lattice, altitude: &[f32]) -> Option<Self> {
+        if !masks.reads_flow() {
+            return None;
+        }
+        let Lattice { width, height, cell, .. } = *lattice;
+        let flood = flow::fill(width, height, altitude);
+        let cells = flow::drained_cells(width, &flow::directions(width, height, &flood));
+        let area = |index: usize| f64::from(cells[index]) * cell * cell;
+        let wetness = derive::from_gradient(width, height, cell, altitude, |index, gradient| {
+            derive::wetness(area(index), cell, gradient.tangent())
+        });
+        Some(Self { upslope_area: (0..cells.len()).map(|i| area(i) as f32).collect(), wetness })
+    }
+
+    /// The fields as finished layers have them, if a mask asks for them.
+    pub fn of_layers(masks: &Masks, layers: &Layers) -> Option<Self> {
+        if !masks.reads_flow() {
+            return None;
+        }
+        let values = |name: &str| layers.values(name).map(<[f32]>::to_vec);
+        Some(Self { upslope_area: values("upslope_area")?, wetness: values("wetness")? })
+    }
 }
 
 impl Row<'_> {
@@ -359,15 +502,57 @@ impl Row<'_> {
     }
 }
 
-/// Multiplies `weights` by the masks' values along a row.
-pub(crate) fn apply(masks: &[Ready<'_>], row: &Row<'_>, weights: &mut [f32]) {
-    for mask in masks {
-        let mut values = vec![1.0; weights.len()];
-        mask.conditions.iter().for_each(|condition| condition.apply(row, &mut values));
-        for (weight, value) in weights.iter_mut().zip(values) {
-            *weight *= if mask.invert { 1.0 - value } else { value };
+impl Row<'_> {
+    fn value(&self, input: FormulaInput, column: usize) -> f32 {
+        let Lattice { width, height, cell, .. } = *self.lattice;
+        let curvature = || derive::curvature(width, height, cell, self.altitude, column, self.row);
+        let index = self.row * width + column;
+        match input {
+            FormulaInput::Altitude => self.altitude[index],
+            FormulaInput::Slope => self.slope_deg(column),
+            FormulaInput::Aspect => self.gradient(column).aspect_deg(),
+            FormulaInput::CurvaturePlan => curvature().plan as f32,
+            FormulaInput::CurvatureProfile => curvature().profile as f32,
+            FormulaInput::UpslopeArea => self.whole.map_or(0.0, |whole| whole.upslope_area[index]),
+            FormulaInput::Wetness => self.whole.map_or(0.0, |whole| whole.wetness[index]),
+            FormulaInput::X => self.lattice.x(column) as f32,
+            FormulaInput::Y => self.lattice.y(self.row) as f32,
         }
     }
+}
+
+/// Multiplies `weights` by the masks' values along a row.
+pub(crate) fn apply(masks: &[Ready<'_>], row: &Row<'_>, weights: &mut [f32]) {
+    let values_of = |mask: &Ready<'_>| {
+        let mut values = vec![1.0; weights.len()];
+        mask.conditions.iter().for_each(|condition| condition.apply(row, &mut values));
+        if mask.invert {
+            values.iter_mut().for_each(|value| *value = 1.0 - *value);
+        }
+        values
+    };
+    // The first mask of a list has none before it to join, but may be taken from full cover.
+    let mut joined = vec![1.0f32; weights.len()];
+    for (index, mask) in masks.iter().enumerate() {
+        let combine = match mask.combine {
+            Combine::Subtract => Combine::Subtract,
+            _ if index == 0 => Combine::Multiply,
+            other => other,
+        };
+        for (joined, value) in joined.iter_mut().zip(values_of(mask)) {
+            *joined = combine.join(*joined, value);
+        }
+    }
+    weights.iter_mut().zip(joined).for_each(|(weight, mask)| *weight *= mask);
+}
+
+/// 1 on an arc of the compass, falling to 0 over `falloff` degrees beyond its ends.
+fn on_arc(aspect: f64, [from, to]: [f64; 2], falloff: f64) -> f64 {
+    let width = if to >= from { to - from } else { to - from + 360.0 };
+    let turned = |angle: f64| (angle + 720.0) % 360.0;
+    let past = turned(aspect - from);
+    let beyond = if past <= width { 0.0 } else { (past - width).min(360.0 - past) };
+    influence(beyond, 0.0, falloff)
 }
 
 /// 1 within a band, falling to 0 over `falloff` beyond its ends.
@@ -393,6 +578,18 @@ impl Condition<'_> {
                 let altitudes = row.altitudes();
                 weigh(values, |column| in_band(f64::from(altitudes[column]), *band, *falloff));
             }
+            Self::Aspect { arc, falloff } => weigh(values, |column| {
+                let gradient = row.gradient(column);
+                let is_level = gradient.tangent() == 0.0;
+                if is_level {
+                    0.0
+                } else {
+                    on_arc(f64::from(gradient.aspect_deg()), *arc, *falloff)
+                }
+            }),
+            Self::Band { input, band, falloff } => weigh(values, |column| {
+                in_band(f64::from(row.value(*input, column)), *band, *falloff)
+            }),
             Self::Disc { disc, feather } => weigh(values, |column| {
                 let (dx, dy) = (row.lattice.x(column) - disc.at[0], y - disc.at[1]);
                 influence((dx * dx + dy * dy).sqrt(), disc.radius, *feather)
@@ -422,14 +619,7 @@ impl Condition<'_> {
                 smoothstep(range[0], range[1], noise.at(row.lattice.x(column), y))
             }),
             Self::Image { values: pixels, frame } => weigh(values, |column| {
-                let x = (row.lattice.x(column) + frame.offset[0]) * frame.scale[0];
-                let y = (y + frame.offset[1]) * frame.scale[1];
-                // Beyond an image that lies elsewhere on the map nothing was painted.
-                let value = if frame.pixels.contains(x, y) {
-                    frame.pixels.sample(pixels, x, y)
-                } else {
-                    0.0
-                };
+                let value = frame.sample(pixels, row.lattice.x(column), y).unwrap_or(0.0);
                 if value.is_finite() { f64::from(value.clamp(0.0, 1.0)) } else { 0.0 }
             }),
             Self::Formula { formula, inputs } => apply_formula(formula, inputs, row, values),
@@ -446,17 +636,8 @@ fn weigh(values: &mut [f32], factor: impl Fn(usize) -> f64) {
 
 fn apply_formula(formula: &Formula, inputs: &[FormulaInput], row: &Row<'_>, values: &mut [f32]) {
     let width = row.lattice.width;
-    let along = |value: &dyn Fn(usize) -> f32| (0..width).map(value).collect::<Vec<f32>>();
-    let columns: Vec<Vec<f32>> = inputs
-        .iter()
-        .map(|input| match input {
-            FormulaInput::Altitude => row.altitudes().to_vec(),
-            FormulaInput::Slope => along(&|column| row.slope_deg(column)),
-            FormulaInput::Aspect => along(&|column| row.gradient(column).aspect_deg()),
-            FormulaInput::X => along(&|column| row.lattice.x(column) as f32),
-            FormulaInput::Y => vec![row.lattice.y(row.row) as f32; width],
-        })
-        .collect();
+    let along = |input: &FormulaInput| (0..width).map(|column| row.value(*input, column)).collect();
+    let columns: Vec<Vec<f32>> = inputs.iter().map(along).collect();
     let columns: Vec<&[f32]> = columns.iter().map(Vec::as_slice).collect();
     let mut results = vec![0.0; width];
     formula.eval_block(&columns, &mut results);
@@ -473,20 +654,69 @@ mod tests {
 
     /// A mask's values on ground that rises 0.5 m a metre to the east, by cell.
     fn values(text: &str) -> Vec<f32> {
+        values_of(&[text])
+    }
+
+    /// The same for a list of masks.
+    fn values_of(texts: &[&str]) -> Vec<f32> {
         let mut problems = Vec::new();
-        let mask = Mask::from_toml(&Value::parse(0, text).unwrap(), &mut problems);
+        let read = |text: &&str| Mask::from_toml(&Value::parse(0, text).unwrap(), &mut problems);
+        let masks: Option<Vec<Mask>> = texts.iter().map(read).collect();
         assert_eq!(problems, []);
+        let masks = Masks(masks.unwrap());
         let images = BTreeMap::new();
         let map = Map { frame: LATTICE.frame((0.0, 0.0)), images: &images };
-        let masks = Masks(vec![mask.unwrap()]).prepare(&map, LATTICE.cell).unwrap();
+        let ready = masks.prepare(&map, LATTICE.cell).unwrap();
         let altitude: Vec<f32> =
             (0..LATTICE.len()).map(|i| 0.5 * LATTICE.x(i % LATTICE.width) as f32).collect();
+        let whole = Whole::of(&masks, &LATTICE, &altitude);
         let row = |row| {
             let mut weights = vec![1.0; LATTICE.width];
-            apply(&masks, &Row { lattice: &LATTICE, altitude: &altitude, row }, &mut weights);
+            let whole = whole.as_ref();
+            apply(
+                &ready,
+                &Row { lattice: &LATTICE, altitude: &altitude, row, whole },
+                &mut weights,
+            );
             weights
         };
         (0..LATTICE.height).flat_map(row).collect()
+    }
+
+    #[test]
+    fn masks_of_aspect_curvature_flow_and_wetness_know_their_ground() {
+        // The ground rises to the east, so it falls to the west: 270 degrees.
+        assert!(values("aspect_deg = [225, 315]").iter().all(|v| *v == 1.0));
+        assert!(values("aspect_deg = [315, 45]").iter().all(|v| *v == 0.0));
+        assert_eq!(on_arc(350.0, [315.0, 45.0], 0.0), 1.0);
+        assert_eq!(on_arc(55.0, [315.0, 45.0], 20.0), 0.5);
+        assert_eq!(on_arc(305.0, [315.0, 45.0], 20.0), 0.5);
+        assert!(values("curvature_plan = [-0.001, 0.001]").iter().all(|v| *v == 1.0));
+        assert!(values("curvature_profile = [0.01, 1]").iter().all(|v| *v == 0.0));
+        // Column x drains the 20 - x cells of 1 m² east of it and itself.
+        let flow = values("upslope_area = [16, 100]");
+        assert_eq!([3.5, 5.5].map(|x| at(&flow, x, 5.0)), [1.0, 0.0]);
+        // ln(a / tan b) = ln(17 / 0.5) = 3.53 at x = 3.5.
+        let wet = values("wetness = [3.5, 9]");
+        assert_eq!([3.5, 4.5].map(|x| at(&wet, x, 5.0)), [1.0, 0.0]);
+        let formula = values("formula = \"upslope_area / 20\"");
+        assert_eq!([0.5, 19.5].map(|x| at(&formula, x, 5.0)), [1.0, 0.05]);
+    }
+
+    #[test]
+    fn masks_of_a_list_combine_as_each_of_them_says() {
+        let west = "rectangle = [0, 0, 12, 10]";
+        let joined = |combine: &str| {
+            let east = format!("rectangle = [8, 0, 20, 10]\ncombine = \"{combine}\"");
+            let all = values_of(&[west, &east]);
+            [4.5, 10.5, 16.5].map(|x| at(&all, x, 5.0))
+        };
+        assert_eq!(joined("multiply"), [0.0, 1.0, 0.0]);
+        assert_eq!(joined("max"), [1.0, 1.0, 1.0]);
+        assert_eq!(joined("add"), [1.0, 1.0, 1.0]);
+        assert_eq!(joined("subtract"), [1.0, 0.0, 0.0]);
+        assert_eq!(joined("min"), [0.0, 1.0, 0.0]);
+        assert_eq!(joined("mean"), [0.5, 1.0, 0.5]);
     }
 
     /// Value at a point in scene coordinates.

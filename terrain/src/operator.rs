@@ -1,7 +1,11 @@
 //! Operators: what one layer of the stack does to altitude.
 
-use crate::config::LayerCommon;
+use crate::config::{Config, LayerCommon};
+use crate::erosion::{Erode, Thermal};
 use crate::noise::NoiseShape;
+use crate::overlay::LayerEdit;
+use crate::road::Road;
+use crate::stamp::{Crater, Hill, Remap, Translate};
 use crate::stream::StreamCut;
 use weald_contract::{Problem, Problems, Written, choice, table, words};
 
@@ -26,6 +30,22 @@ choice! {
         "scale" => Scale(Scale),
         /// Limits altitude.
         "clamp" => Clamp(Clamp),
+        /// Moves the ground sideways.
+        "translate" => Translate(Translate),
+        /// Scales heights along a curve.
+        "curve" => Curve(Remap),
+        /// Lays a road or path along a line.
+        "road" => Road(Road),
+        /// Sets a hill into the ground.
+        "hill" => Hill(Hill),
+        /// Sets a crater into the ground.
+        "crater" => Crater(Crater),
+        /// Lets streams cut down and slopes creep.
+        "erode" => Erode(Erode),
+        /// Lets what is too steep slide down.
+        "thermal" => Thermal(Thermal),
+        /// Replaces or blends a finished layer.
+        "layer" => Layer(LayerEdit),
     }
 }
 
@@ -38,6 +58,16 @@ words! {
         Max = "max",
         /// The lower of the two: an operator that may only cut.
         Min = "min",
+        /// The sum of the two.
+        Add = "add",
+        /// What was there less the result.
+        Subtract = "subtract",
+        /// The product of the two.
+        Multiply = "multiply",
+        /// How far apart the two are.
+        Difference = "difference",
+        /// The mean of the two.
+        Mean = "mean",
     }
 }
 
@@ -129,6 +159,22 @@ table! {
     }
 }
 
+impl Blend {
+    /// What was there, joined with an operator's result.
+    pub(crate) fn join(self, before: f64, result: f64) -> f64 {
+        match self {
+            Self::Replace => result,
+            Self::Max => result.max(before),
+            Self::Min => result.min(before),
+            Self::Add => before + result,
+            Self::Subtract => before - result,
+            Self::Multiply => before * result,
+            Self::Difference => (before - result).abs(),
+            Self::Mean => 0.5 * (before + result),
+        }
+    }
+}
+
 impl Noise {
     /// The noise as a shape, without its amplitude.
     pub(crate) fn shape(&self) -> NoiseShape {
@@ -164,9 +210,12 @@ impl Clamp {
 
 impl Operator {
     /// Notes what is wrong with the operator's own numbers.
-    pub(crate) fn check(&self, common: &LayerCommon, problems: &mut Problems) {
+    pub(crate) fn check(&self, common: &LayerCommon, config: &Config, problems: &mut Problems) {
         match self {
             Self::Stream(stream) => stream.check(problems),
+            Self::Road(road) => road.check(problems),
+            Self::Curve(curve) => curve.check(problems),
+            Self::Layer(edit) => edit.check(config, problems),
             Self::Lake(lake) if !common.mask.0.is_empty() => problems.push(
                 Problem::at(lake.at.span, "a lake fills its whole hollow and takes no mask")
                     .hint("remove `mask`, or shape the hollow with other operators"),

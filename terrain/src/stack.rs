@@ -4,17 +4,22 @@
 //! that neither threads nor tiles can change a byte. What only the whole ground can tell (a
 //! stream's bed, the slopes under a mask) is found on the terrain's own grid and kept; a finer patch
 //! replays the stack with it, and so shapes the same ground.
+//!
+//! Results may be kept ([`Cache`]): a step is found again when the ground before it and the operator
+//! itself are the same, so evaluation starts at the first change, and undoing one is no work.
 
 use crate::config::{Config, LayerCommon};
 use crate::import::Ground;
 use crate::lattice::Lattice;
-use crate::mask::{self, Map, Row};
+use crate::mask::{self, Map, Row, Whole};
 use crate::noise::Fractal;
 use crate::operator::{Blend, Lake, Operator};
 use crate::resample::{by_row, gaussian, gaussian_reach};
 use crate::stream::Channel;
 use crate::{Error, check_cancelled};
 use rayon::prelude::*;
+use std::borrow::Cow;
+use std::sync::Arc;
 use weald_contract::table::Tagged;
 use weald_contract::{Problem, Progress, Seed, Span};
 
@@ -33,9 +38,18 @@ pub(crate) struct Shaped<'a> {
 /// An operator with what was found out about it on the terrain's own grid.
 pub(crate) struct Layer<'a> {
     op: &'a Tagged<LayerCommon, Operator>,
+    found: Arc<Found>,
+}
+
+/// What an operator learns from the terrain's own grid.
+struct Found {
     seed: u32,
-    /// The bed, if this is a stream.
+    /// The bed, if this is a stream or a road.
     channel: Option<Channel>,
+    /// What an operator that needs the whole ground does to it, m; finer patches take the same.
+    change: Option<Vec<f32>>,
+    /// The terrain's own cells.
+    whole: Lattice,
     /// The mask's values on the terrain's grid, kept where they depend on its fineness.
     weights: Option<Vec<f32>>,
 }
@@ -46,30 +60,173 @@ pub(crate) fn shape<'a>(
     ground: &Ground,
     map: &Map<'_>,
     seed: Seed,
+    cache: &mut Cache,
     progress: &dyn Progress,
 ) -> Result<Shaped<'a>, Error> {
     let lattice = Lattice::of(&ground.frame);
-    let mut altitude = ground.altitude.clone();
+    let mut altitude = Arc::new(ground.altitude.clone());
     let (mut lakes, mut layers) = (Vec::new(), Vec::new());
+    let mut before = START;
     progress.begin("operators", config.op.len() as u64, "operators");
     for (index, op) in config.op.iter().enumerate() {
         check_cancelled(progress)?;
         match &op.variant {
             _ if !op.common.enabled => {}
             Operator::Lake(lake) => lakes.push(lake),
+            // Layers are edited when they are made.
+            Operator::Layer(_) => {}
             _ => {
-                let mut layer = Layer::new(op, index, seed, &lattice, &altitude)?;
-                let weights = layer.weights(&lattice, &altitude, map)?;
-                altitude = layer.apply(&lattice, &altitude, &weights);
-                let is_needed = !config.detail.is_empty() && op.common.mask.reads_slope();
-                layer.weights = is_needed.then_some(weights);
-                layers.push(layer);
+                let step = Step { before, index, op, is_for_patches: !config.detail.is_empty() };
+                let (found, after);
+                (before, found, after) = match cache.find(&step) {
+                    Some(kept) => kept,
+                    None => {
+                        let (found, after) = step.run(seed, &lattice, &altitude, map)?;
+                        let (found, after) = (Arc::new(found), Arc::new(after));
+                        (cache.keep(&step, &found, &after), found, after)
+                    }
+                };
+                altitude = after;
+                layers.push(Layer { op, found });
             }
         }
         progress.advance(1);
     }
     check_finite(&altitude, config.source.span)?;
+    let altitude = Arc::try_unwrap(altitude).unwrap_or_else(|kept| kept.to_vec());
     Ok(Shaped { lattice, altitude, lakes, layers })
+}
+
+/// Ground of a part of the terrain after the last operator, for a view that waits: only the part is
+/// shaped, from the last step that is kept, unless an operator needs the whole ground.
+pub(crate) fn shape_part(
+    config: &Config,
+    ground: &Ground,
+    map: &Map<'_>,
+    seed: Seed,
+    part: &Lattice,
+    cache: &mut Cache,
+    progress: &dyn Progress,
+) -> Result<Vec<f32>, Error> {
+    let lattice = Lattice::of(&ground.frame);
+    let is_for_patches = !config.detail.is_empty();
+    let shaping = |op: &&(usize, &Tagged<LayerCommon, Operator>)| {
+        op.1.common.enabled && !matches!(op.1.variant, Operator::Lake(_) | Operator::Layer(_))
+    };
+    let ops: Vec<(usize, &Tagged<LayerCommon, Operator>)> = config.op.iter().enumerate().collect();
+    let mut ops: Vec<_> = ops.iter().filter(shaping).collect();
+    let (mut before, mut altitude) = (START, None);
+    while let Some((index, op)) = ops.first() {
+        let step = Step { before, index: *index, op, is_for_patches };
+        let Some((id, _, after)) = cache.find(&step) else { break };
+        (before, altitude) = (id, Some(after));
+        ops.remove(0);
+    }
+    if ops.iter().any(|(_, op)| needs_whole(op)) {
+        let shaped = shape(config, ground, map, seed, cache, progress)?;
+        return Ok(lattice.crop(&shaped.altitude, part));
+    }
+    let start: &[f32] = altitude.as_ref().map_or(&ground.altitude, |kept| kept.as_slice());
+    let found = |(index, op): &&(usize, &Tagged<LayerCommon, Operator>)| {
+        Found::new(op, *index, seed, &lattice, start).map(Arc::new)
+    };
+    let layers: Result<Vec<Layer<'_>>, Problem> =
+        ops.iter().map(|step| Ok(Layer { op: step.1, found: found(step)? })).collect();
+    let shaped = Shaped { lattice, altitude: Vec::new(), lakes: Vec::new(), layers: layers? };
+    let wide = part.grown(halo(&shaped.layers, lattice.cell), &lattice);
+    let after = replay(&shaped, &wide, lattice.crop(start, &wide), map, progress)?;
+    Ok(wide.crop(&after, part))
+}
+
+/// Whether an operator's effect at a place depends on ground however far away.
+fn needs_whole(op: &Tagged<LayerCommon, Operator>) -> bool {
+    use Operator::{Erode, Road, Stream, Thermal};
+    matches!(op.variant, Stream(_) | Road(_) | Erode(_) | Thermal(_)) || op.common.mask.reads_flow()
+}
+
+/// One operator and the ground it meets.
+struct Step<'a> {
+    /// The kept step whose result it meets.
+    before: StepId,
+    /// Its place in the list, on which its chance hangs.
+    index: usize,
+    op: &'a Tagged<LayerCommon, Operator>,
+    /// Whether finer patches will follow.
+    is_for_patches: bool,
+}
+
+/// Number of a step that ran; each number is given once.
+type StepId = u64;
+
+/// The ground before the first operator.
+const START: StepId = 0;
+
+/// Results of steps that ran, up to a limit of memory; those longest unused go first.
+///
+/// Holds for one ground, one seed and one set of images.
+pub(crate) struct Cache {
+    kept: Vec<Kept>,
+    /// Bytes that may be held.
+    limit: usize,
+    last: StepId,
+    clock: u64,
+}
+
+struct Kept {
+    id: StepId,
+    before: StepId,
+    index: usize,
+    op: Tagged<LayerCommon, Operator>,
+    is_for_patches: bool,
+    found: Arc<Found>,
+    altitude: Arc<Vec<f32>>,
+    used: u64,
+}
+
+impl Cache {
+    /// A cache that holds up to `limit` bytes.
+    pub fn new(limit: usize) -> Self {
+        Self { kept: Vec::new(), limit, last: START, clock: 0 }
+    }
+
+    /// Number of steps that are held.
+    pub fn len(&self) -> usize {
+        self.kept.len()
+    }
+
+    fn find(&mut self, step: &Step<'_>) -> Option<(StepId, Arc<Found>, Arc<Vec<f32>>)> {
+        self.clock += 1;
+        let kept = self.kept.iter_mut().find(|kept| {
+            kept.before == step.before
+                && kept.index == step.index
+                && kept.is_for_patches == step.is_for_patches
+                && kept.op == *step.op
+        })?;
+        kept.used = self.clock;
+        Some((kept.id, kept.found.clone(), kept.altitude.clone()))
+    }
+
+    fn keep(&mut self, step: &Step<'_>, found: &Arc<Found>, altitude: &Arc<Vec<f32>>) -> StepId {
+        self.last += 1;
+        let size = |kept: &Kept| 4 * kept.altitude.len() + kept.found.size();
+        let kept = Kept {
+            id: self.last,
+            before: step.before,
+            index: step.index,
+            op: step.op.clone(),
+            is_for_patches: step.is_for_patches,
+            found: found.clone(),
+            altitude: altitude.clone(),
+            used: self.clock,
+        };
+        self.kept.push(kept);
+        while self.kept.iter().map(size).sum::<usize>() > self.limit {
+            let oldest = self.kept.iter().enumerate().min_by_key(|(_, kept)| kept.used);
+            let Some((oldest, _)) = oldest else { break };
+            self.kept.remove(oldest);
+        }
+        self.last
+    }
 }
 
 /// Factors may multiply up to heights that single precision does not hold.
@@ -91,7 +248,7 @@ pub(crate) fn replay(
 ) -> Result<Vec<f32>, Error> {
     for layer in &shaped.layers {
         check_cancelled(progress)?;
-        let weights = match &layer.weights {
+        let weights = match &layer.found.weights {
             Some(weights) => sample(&shaped.lattice, weights, lattice),
             None => layer.weights(lattice, &altitude, map)?,
         };
@@ -117,9 +274,29 @@ pub(crate) fn sample(from: &Lattice, values: &[f32], to: &Lattice) -> Vec<f32> {
     })
 }
 
-impl<'a> Layer<'a> {
+impl<'a> Step<'a> {
+    /// Runs the operator over the whole ground.
+    fn run(
+        &self,
+        seed: Seed,
+        lattice: &Lattice,
+        altitude: &[f32],
+        map: &Map<'_>,
+    ) -> Result<(Found, Vec<f32>), Problem> {
+        let found = Found::new(self.op, self.index, seed, lattice, altitude)?;
+        let layer = Layer { op: self.op, found: Arc::new(found) };
+        let weights = layer.weights(lattice, altitude, map)?;
+        let after = layer.apply(lattice, altitude, &weights);
+        let found = Arc::into_inner(layer.found).ok_or_else(|| Problem::new("a layer was lent"))?;
+        let is_needed = self.is_for_patches && self.op.common.mask.reads_slope();
+        let change = found.change.filter(|_| self.is_for_patches);
+        Ok((Found { change, weights: is_needed.then_some(weights), ..found }, after))
+    }
+}
+
+impl Found {
     fn new(
-        op: &'a Tagged<LayerCommon, Operator>,
+        op: &Tagged<LayerCommon, Operator>,
         index: usize,
         seed: Seed,
         lattice: &Lattice,
@@ -130,25 +307,41 @@ impl<'a> Layer<'a> {
             Some(name) => seed.stream(&format!("operator {name}"), 0),
             None => seed.stream("operator", index as u64),
         };
+        let frame = lattice.frame((0.0, 0.0));
+        let ground = |x: f64, y: f64| frame.sample(altitude, x, y);
         let channel = match &op.variant {
-            Operator::Stream(cut) => {
-                let frame = lattice.frame((0.0, 0.0));
-                Some(cut.run(lattice.cell, |x, y| frame.sample(altitude, x, y))?)
-            }
+            Operator::Stream(cut) => Some(cut.run(lattice.cell, ground)?),
+            Operator::Road(road) => Some(road.lay(lattice.cell, ground)?),
             _ => None,
         };
-        Ok(Self { op, seed: stream.next_u64() as u32, channel, weights: None })
+        let after = match &op.variant {
+            Operator::Erode(erode) => Some(erode.run(lattice, altitude)),
+            Operator::Thermal(thermal) => Some(thermal.run(lattice, altitude)),
+            _ => None,
+        };
+        let change = after.map(|after| after.iter().zip(altitude).map(|(a, b)| a - b).collect());
+        let seed = stream.next_u64() as u32;
+        Ok(Self { seed, channel, change, whole: *lattice, weights: None })
     }
 
+    /// Bytes that it holds.
+    fn size(&self) -> usize {
+        let fields = [&self.change, &self.weights];
+        fields.iter().filter_map(|field| field.as_ref()).map(|field| 4 * field.len()).sum()
+    }
+}
+
+impl Layer<'_> {
     /// The bed and what it carries, if this is a stream with water.
     pub fn wet_channel(&self) -> Option<&Channel> {
-        self.channel.as_ref().filter(|channel| channel.is_wet())
+        self.found.channel.as_ref().filter(|channel| channel.is_wet())
     }
 
     /// How many cells away this operator looks.
     fn reach(&self, cell: f64) -> usize {
         let by_operator = match &self.op.variant {
             Operator::Smooth(smooth) => gaussian_reach(smooth.radius, cell),
+            Operator::Translate(translate) => translate.reach(cell),
             _ => 0,
         };
         by_operator.max(usize::from(self.op.common.mask.reads_slope()))
@@ -163,9 +356,10 @@ impl<'a> Layer<'a> {
     ) -> Result<Vec<f32>, Problem> {
         let masks = self.op.common.mask.prepare(map, lattice.cell)?;
         let strength = self.op.common.strength as f32;
+        let whole = Whole::of(&self.op.common.mask, lattice, altitude);
         Ok(by_row(lattice.width, lattice.height, |row, weights| {
             weights.fill(strength);
-            mask::apply(&masks, &Row { lattice, altitude, row }, weights);
+            mask::apply(&masks, &Row { lattice, altitude, row, whole: whole.as_ref() }, weights);
         }))
     }
 
@@ -175,13 +369,13 @@ impl<'a> Layer<'a> {
         let joined = Joined { lattice, altitude, weights, blend: self.op.common.blend };
         match &self.op.variant {
             Operator::Noise(noise) => {
-                let fractal = Fractal::new(noise.shape(), self.seed, cell);
+                let fractal = Fractal::new(noise.shape(), self.found.seed, cell);
                 joined.each(|_, y| {
                     let fractal = &fractal;
                     move |x, _, z| z + noise.amplitude * fractal.at(x, y)
                 })
             }
-            Operator::Stream(_) => match &self.channel {
+            Operator::Stream(_) | Operator::Road(_) => match &self.found.channel {
                 Some(channel) => joined.each(|_, y| {
                     let segments = channel.segments_near_row(y);
                     move |x, _, z| channel.shape(&segments, [x, y], z)
@@ -202,7 +396,40 @@ impl<'a> Layer<'a> {
                 joined.each(|_, _| |_, _, z| scale.about + scale.factor * (z - scale.about))
             }
             Operator::Clamp(clamp) => joined.each(|_, _| |_, _, z| clamp.at(z)),
-            Operator::Lake(_) => altitude.to_vec(),
+            Operator::Hill(hill) => joined.each(|_, y| move |x, _, z| hill.at(x, y, z)),
+            Operator::Crater(crater) => joined.each(|_, y| move |x, _, z| crater.at(x, y, z)),
+            Operator::Curve(curve) => {
+                let tangents = curve.tangents();
+                joined.each(|_, _| |_, _, z| curve.at(&tangents, z))
+            }
+            Operator::Translate(translate) => {
+                let moved = translate.run(lattice, altitude);
+                joined.each(|row, _| {
+                    let line = &moved[row * width..][..width];
+                    move |_, column, _| f64::from(line[column])
+                })
+            }
+            Operator::Erode(_) | Operator::Thermal(_) => {
+                let change = self.change_on(lattice);
+                joined.each(|row, _| {
+                    let line = &change[row * width..][..width];
+                    move |_, column, z| z + f64::from(line[column])
+                })
+            }
+            Operator::Lake(_) | Operator::Layer(_) => altitude.to_vec(),
+        }
+    }
+}
+
+impl Layer<'_> {
+    /// What the operator does to the ground, at the cells of a lattice.
+    fn change_on(&self, lattice: &Lattice) -> Cow<'_, [f32]> {
+        let whole = &self.found.whole;
+        match &self.found.change {
+            None => vec![0.0; lattice.len()].into(),
+            Some(change) if lattice == whole => change.into(),
+            Some(change) if lattice.cell == whole.cell => whole.crop(change, lattice).into(),
+            Some(change) => sample(whole, change, lattice).into(),
         }
     }
 }
@@ -231,11 +458,7 @@ impl Joined<'_> {
                 if weight > 0.0 {
                     let before = f64::from(*z);
                     let result = op(self.lattice.x(column), column, before);
-                    let result = match self.blend {
-                        Blend::Replace => result,
-                        Blend::Max => result.max(before),
-                        Blend::Min => result.min(before),
-                    };
+                    let result = self.blend.join(before, result);
                     let weight = f64::from(weight);
                     // Full weight gives the result itself, without rounding on the way.
                     let is_full = weight >= 1.0;
@@ -296,7 +519,7 @@ mod tests {
     fn a_tile_with_its_halo_has_the_bytes_of_the_whole() {
         let (config, ground, images) = (config(STACK), ground(), BTreeMap::new());
         let map = Map { frame: FRAME, images: &images };
-        let shaped = shape(&config, &ground, &map, Seed(3), &Silent).unwrap();
+        let shaped = shape(&config, &ground, &map, Seed(3), &mut Cache::new(0), &Silent).unwrap();
         let whole = shaped.lattice;
         for (west, south, width, height) in [(0, 0, 31, 17), (29, 16, 40, 40), (69, 50, 21, 20)] {
             let tile = Lattice { cell: 1.0, west, south, width, height };
@@ -315,7 +538,7 @@ mod tests {
             let (config, ground) = (config(&format!("source = \"d\"\n{before}{noise}")), ground());
             let images = BTreeMap::new();
             let map = Map { frame: FRAME, images: &images };
-            shape(&config, &ground, &map, Seed(3), &Silent).unwrap().altitude
+            shape(&config, &ground, &map, Seed(3), &mut Cache::new(0), &Silent).unwrap().altitude
         };
         let nothing = "[[op]]\nop = \"offset\"\nby = 0\n";
         assert_eq!(named(""), named(nothing));
@@ -326,7 +549,7 @@ mod tests {
         let after = |text: &str| {
             let (config, ground, images) = (config(text), ground(), BTreeMap::new());
             let map = Map { frame: FRAME, images: &images };
-            shape(&config, &ground, &map, Seed(3), &Silent).unwrap().altitude
+            shape(&config, &ground, &map, Seed(3), &mut Cache::new(0), &Silent).unwrap().altitude
         };
         let before = ground().altitude;
         let flat = "source = \"d\"\n[[op]]\nop = \"flatten\"\naltitude = 384\n";

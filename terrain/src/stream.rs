@@ -68,6 +68,21 @@ impl StreamCut {
         Ok(Channel { line, bed, spacing, cut: self.clone() })
     }
 
+    /// The dry cross-section of a strip along a line.
+    pub(crate) fn strip(points: &Written<Vec<[f64; 2]>>, width: f64, falloff: f64) -> Self {
+        Self {
+            points: points.clone(),
+            curved: false,
+            width,
+            depth: 0.0,
+            falloff,
+            fall: 0.0,
+            max_depth: None,
+            water_depth: 0.0,
+            water_level: None,
+        }
+    }
+
     fn check_depth(&self, depth: f64, station: f64) -> Result<(), Problem> {
         match self.max_depth {
             Some(limit) if depth > limit => Err(Problem::at(
@@ -94,6 +109,36 @@ pub(crate) struct Channel {
 }
 
 impl Channel {
+    /// A bed whose altitude `level(point)` gives along the whole line.
+    pub fn over(
+        line: Polyline,
+        cut: StreamCut,
+        cell: f64,
+        level: impl Fn([f64; 2]) -> f64,
+    ) -> Self {
+        let count = (line.length() / (SAMPLE_CELLS * cell)).ceil().clamp(1.0, MAX_SAMPLES);
+        let spacing = line.length() / count;
+        let bed =
+            (0..=count as usize).map(|index| level(line.at(index as f64 * spacing))).collect();
+        Self { line, bed, spacing, cut }
+    }
+
+    /// Altitudes of the bed at every [`Self::spacing`] metres.
+    pub fn levels(&self) -> &[f64] {
+        &self.bed
+    }
+
+    /// Replaces the altitudes of the bed by as many others.
+    pub fn set_levels(&mut self, levels: Vec<f64>) {
+        assert_eq!(levels.len(), self.bed.len(), "a bed keeps its length");
+        self.bed = levels;
+    }
+
+    /// Metres between two altitudes of the bed.
+    pub fn spacing(&self) -> f64 {
+        self.spacing
+    }
+
     /// Altitude of the bed at a length along the line.
     pub fn bed_at(&self, station: f64) -> f64 {
         let place = (station / self.spacing).clamp(0.0, (self.bed.len() - 1) as f64);

@@ -43,8 +43,8 @@ pub(crate) fn settle(
     let mut flood = flow::fill(width, height, &shaped.altitude);
     flow::drain_through_floors(width, &shaped.altitude, &mut flood);
     let directions = flow::directions(width, height, &flood);
-    let cells = flow::accumulate(width, &directions, vec![1.0; directions.len()]);
-    let upslope_area = cells.iter().map(|cells| (cells * cell * cell) as f32).collect();
+    let cells = flow::drained_cells(width, &directions);
+    let upslope_area = cells.iter().map(|cells| (f64::from(*cells) * cell * cell) as f32).collect();
     progress.advance(1);
     check_cancelled(progress)?;
 
@@ -196,7 +196,7 @@ fn lake_cell(
 }
 
 /// Slope on which soil is too thin to hold any water: it no longer stays on its ground. (Ours.)
-const BARE_SLOPE_DEG: f32 = 60.0;
+pub(crate) const BARE_SLOPE_DEG: f32 = 60.0;
 
 /// Runs the rain model over the ground with its open water.
 fn soak(water: &Water, shaped: &Shaped<'_>, is_lake: &[bool], level: &[f32]) -> rain::Soaked {

@@ -9,7 +9,7 @@ use rayon::prelude::*;
 use weald_contract::Seed;
 
 /// Ages that plants get when nothing is said, as parts of the lifespan.
-const USUAL_AGE: [f32; 2] = [0.2, 0.8];
+pub(crate) const USUAL_AGE: [f32; 2] = [0.2, 0.8];
 
 /// What a step says of age and vigor.
 pub(crate) struct Attributes<'a> {

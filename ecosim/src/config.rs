@@ -1,5 +1,6 @@
 //! What users write: the table `[ecosim]`.
 
+use crate::clump::Clump;
 use crate::species::Ecology;
 use std::collections::BTreeMap;
 use weald_contract::formula::Variable;
@@ -15,6 +16,10 @@ table! {
     pub struct Config {
         /// The steps, run in order; each takes the plants so far.
         step: Vec<Tagged<StepCommon, Step>> = Vec::new();
+        /// Images that formulas may read, by the name of the file without its ending.
+        images: Vec<Written<String>> = Vec::new();
+        /// Distances that the plants of halftones keep.
+        spacing: Vec<Spacing> = Vec::new();
         /// Most plants that the population may hold; a guard against a slip in a density.
         max_plants: u64 = 5000000, in 0.0..=4000000000.0;
     }
@@ -46,6 +51,63 @@ choice! {
     }
 }
 
+table! {
+    /// A distance that plants keep, in both directions.
+    ///
+    /// It binds the plants of `halftone` steps, which give way to all that stand already. Where
+    /// several rules name a pair, the greatest distance counts.
+    pub struct Spacing {
+        /// The species. Without `from`, each pair of them, and each among its own.
+        species: Vec<Written<String>>;
+        /// Another species, from which they keep away.
+        from: Option<Written<String>> = None;
+        /// Between stems, m.
+        stems: f64 = 0.0, in 0.0..=10000.0;
+        /// Between stems, in sums of the two crown radii: at 1, crowns touch and do not overlap.
+        crowns: f64 = 0.0, in 0.0..=100.0;
+    }
+}
+
+words! {
+    /// What the plants of another species do to a density.
+    pub enum Effect {
+        /// They drive it away.
+        Repel = "repel",
+        /// They draw it near.
+        Attract = "attract",
+    }
+}
+
+table! {
+    /// How the plants of another species that stand already change a density.
+    pub struct Neighbour {
+        /// The other species.
+        species: Written<String>;
+        /// Whether it drives away or draws near.
+        effect: Effect = Effect::Repel;
+        /// Distance from the rim of its crowns up to which the effect is full, m.
+        within: f64 = 0.0, in 0.0..=10000.0;
+        /// Further distance over which the effect fades, m.
+        transition: f64 = 1.0, in 0.001..=10000.0;
+        /// Part of the density that is taken away at most.
+        strength: f64 = 1.0, in 0.0..=1.0;
+    }
+}
+
+table! {
+    /// What happens at the edge of what is painted.
+    pub struct Rim {
+        /// Stems stand at least this far inside, m; the count stays what was painted.
+        inset: f64 = 0.0, in 0.0..=10000.0;
+        /// Distance from the edge over which plants become as old as they would be, m.
+        falloff: f64 = 0.0, in 0.0..=10000.0;
+        /// Age at the very edge, as a part of what it would be.
+        least: f32 = 0.3, in 0.0..=1.0;
+        /// Whether plants whose crown would reach over the edge are younger, so that it does not.
+        crowns_inside: bool = false;
+    }
+}
+
 words! {
     /// How a halftone puts plants on the ground.
     pub enum Arrange {
@@ -69,8 +131,8 @@ words! {
 table! {
     /// Turns a density into plants: chosen cells of a raster, then Lloyd's relaxation.
     ///
-    /// Plants per m² are the product of `density`, `per_m2` and `formula`, of which at least
-    /// one is given; what is left out counts as 1.
+    /// Plants per m² are the product of `density`, `plots`, `per_m2` and `formula`, of which at
+    /// least one is given; what is left out counts as 1. Neighbours, clumps and water take from it.
     pub struct Halftone {
         /// The species.
         species: Written<String>;
@@ -82,6 +144,20 @@ table! {
         per_m2: Option<f32> = None, in 0.0..=10000.0;
         /// Plants per m², or a factor to the image.
         formula: Option<Written<Formula>> = None;
+        /// Path of a table of sample plots: x, y, species, area (m²), count.
+        plots: Option<Written<String>> = None;
+        /// How plants of other species change the density.
+        neighbour: Vec<Neighbour> = Vec::new();
+        /// Soft spots to which the density keeps.
+        clump: Option<Clump> = None;
+        /// What happens at the edge of what is painted.
+        rim: Option<Rim> = None;
+        /// Species whose plants, which stand already, take part in the relaxation as fixed points.
+        around: Vec<Written<String>> = Vec::new();
+        /// Name of a view; only what it sees is planted, with the ids of the whole planting.
+        visible_from: Option<Written<String>> = None;
+        /// Distance from what the view sees up to which plants are kept, m.
+        visible_margin: f64 = 10.0, in 0.0..=100000.0;
         /// How plants are put on the ground.
         arrange: Arrange = Arrange::Scatter;
         /// How scattered plants are chosen before they relax.
@@ -146,8 +222,10 @@ table! {
     pub struct Place {
         /// Path of a table of plants.
         plants: Option<Written<String>> = None;
-        /// Species of the points in `at`.
+        /// Species of the points in `at` and `dots`.
         species: Option<Written<String>> = None;
+        /// Path of an image in which every dark blob is one plant.
+        dots: Option<Written<String>> = None;
         /// Points, scene coordinates, m.
         at: Vec<Written<[f64; 2]>> = Vec::new(), in -10000000.0..=10000000.0;
         /// Age in years of the points: a formula, or `[youngest, oldest]`.
@@ -224,26 +302,36 @@ impl FromToml for Attribute {
 
 impl Default for Config {
     fn default() -> Self {
-        Self { step: Vec::new(), max_plants: 5_000_000 }
+        Self { step: Vec::new(), images: Vec::new(), spacing: Vec::new(), max_plants: 5_000_000 }
     }
 }
 
 impl Config {
     /// Returns the files that the steps name.
     pub fn inputs(&self) -> Vec<Input> {
-        let mut inputs = Vec::new();
+        let image = |(index, path): (usize, &Written<String>)| Input {
+            field: format!("ecosim.images[{index}]"),
+            path: path.clone(),
+            kind: InputKind::Image,
+        };
+        let mut inputs: Vec<Input> = self.images.iter().enumerate().map(image).collect();
         for (index, step) in self.step.iter().enumerate().filter(|(_, s)| s.common.enabled) {
-            let (path, word, kind) = match &step.variant {
-                Step::Halftone(halftone) => (&halftone.density, "density", InputKind::Image),
-                Step::Place(place) => (&place.plants, "plants", InputKind::Plants),
+            let files = match &step.variant {
+                Step::Halftone(halftone) => [
+                    (&halftone.density, "density", InputKind::Image),
+                    (&halftone.plots, "plots", InputKind::Plants),
+                ],
+                Step::Place(place) => [
+                    (&place.plants, "plants", InputKind::Plants),
+                    (&place.dots, "dots", InputKind::Image),
+                ],
                 Step::Simulate(_) | Step::Relax(_) | Step::Clear(_) => continue,
             };
-            let field = format!("ecosim.step[{index}].{word}");
-            inputs.extend(path.iter().map(|path| Input {
-                field: field.clone(),
-                path: path.clone(),
-                kind,
-            }));
+            for (path, word, kind) in files {
+                let field = format!("ecosim.step[{index}].{word}");
+                let path = path.iter().cloned();
+                inputs.extend(path.map(|path| Input { field: field.clone(), path, kind }));
+            }
         }
         inputs
     }
@@ -269,6 +357,21 @@ impl Config {
         layers: &[&str],
     ) -> Problems {
         let mut problems = Problems::new();
+        let mut layers = layers.to_vec();
+        for path in &self.images {
+            let stem = stem(&path.value);
+            if layers.contains(&stem) {
+                let message = format!("formulas know another layer or image as `{stem}`");
+                problems.push(Problem::at(path.span, message).hint("give the file another name"));
+            }
+            layers.push(stem);
+        }
+        let layers = &layers;
+        for rule in &self.spacing {
+            for name in rule.species.iter().chain(&rule.from) {
+                check_species(name, species, &mut problems);
+            }
+        }
         for step in self.enabled() {
             for name in step.species() {
                 check_species(name, species, &mut problems);
@@ -286,7 +389,10 @@ impl Step {
     /// Returns the species that the step's own fields name.
     pub(crate) fn species(&self) -> Vec<&Written<String>> {
         match self {
-            Self::Halftone(halftone) => vec![&halftone.species],
+            Self::Halftone(halftone) => {
+                let others = halftone.neighbour.iter().map(|neighbour| &neighbour.species);
+                std::iter::once(&halftone.species).chain(others).chain(&halftone.around).collect()
+            }
             Self::Simulate(simulate) => simulate.species.iter().collect(),
             Self::Place(place) => place.species.iter().collect(),
             Self::Relax(relax) => relax.species.iter().collect(),
@@ -328,10 +434,11 @@ impl Step {
 
 impl Halftone {
     fn check(&self, species: &BTreeMap<String, (Species, Ecology)>, problems: &mut Problems) {
-        if self.density.is_none() && self.per_m2.is_none() && self.formula.is_none() {
+        let sources = [self.density.is_some(), self.plots.is_some(), self.formula.is_some()];
+        if self.per_m2.is_none() && !sources.contains(&true) {
             problems.push(
                 Problem::at(self.species.span, "this halftone says nowhere how dense it is")
-                    .hint("give `density` (an image), `per_m2` or `formula`"),
+                    .hint("give `density` (an image), `plots`, `per_m2` or `formula`"),
             );
         }
         let is_group = species.get(&self.species.value).is_some_and(|s| s.0.group.is_some());
@@ -380,11 +487,22 @@ impl Place {
             let problem = Problem::at(first.span, "these points have no species");
             problems.push(problem.hint("add `species = \"…\"`"));
         }
-        if let (Some(species), true) = (&self.species, self.at.is_empty()) {
+        if let (Some(dots), None) = (&self.dots, &self.species) {
+            let problem = Problem::at(dots.span, "these dots have no species");
+            problems.push(problem.hint("add `species = \"…\"`"));
+        }
+        let has_places = !self.at.is_empty() || self.dots.is_some();
+        if let (Some(species), false) = (&self.species, has_places) {
             let problem = Problem::at(species.span, "this species is placed nowhere");
-            problems.push(problem.hint("add `at = [[x, y], …]`"));
+            problems.push(problem.hint("add `at = [[x, y], …]` or `dots`, an image"));
         }
     }
+}
+
+/// Returns a file's name without folders and ending: its name in formulas.
+pub(crate) fn stem(path: &str) -> &str {
+    let name = path.rsplit(['/', '\\']).next().unwrap_or(path);
+    name.rsplit_once('.').map_or(name, |(stem, _)| stem)
 }
 
 fn attribute_formula(attribute: &Option<Attribute>) -> impl Iterator<Item = &Written<Formula>> {

@@ -1,11 +1,15 @@
-//! Plants per m² on a raster, from an image, a number and a formula.
+//! Plants per m² on a raster, from an image, a number, a formula, plots and neighbours.
 
 use crate::Error;
-use crate::config::Halftone;
+use crate::clump::Clumps;
+use crate::config::{Effect, Halftone};
+use crate::distance::add_nearness;
 use crate::field::{BoundFormula, ImageField};
 use crate::ground::Ground;
+use crate::plots;
+use crate::shadow::shadow_frame;
 use crate::stand::{Kind, Stand};
-use crate::steps::Site;
+use crate::steps::{Site, image_of};
 use rayon::prelude::*;
 use weald_contract::{Frame, Grid, Problem};
 
@@ -25,7 +29,11 @@ pub(crate) struct Density<'a> {
     image: Option<ImageField<'a>>,
     per_m2: f64,
     formula: Option<BoundFormula<'a>>,
-    ground: &'a Ground<'a>,
+    plots: Option<Grid>,
+    /// What neighbours leave of the density, on the raster of crowns.
+    left: Option<Grid>,
+    clumps: Option<Clumps>,
+    ground: Ground<'a>,
     kind: Kind<'a>,
 }
 
@@ -75,18 +83,17 @@ impl<'a> Density<'a> {
     pub(crate) fn new(
         halftone: &'a Halftone,
         kind: Kind<'a>,
-        site: &'a Site<'a>,
-        stand: &Stand<'_>,
+        site: &Site<'a>,
+        stand: &mut Stand<'a>,
     ) -> Result<Self, Error> {
         let image = match &halftone.density {
             None => None,
             Some(path) => {
-                let image = site.around.images.get(&path.value).ok_or_else(|| {
-                    Problem::at(path.span, format!("the image `{}` was not read", path.value))
-                })?;
+                let image = image_of(path, &site.around)?;
                 let is_scaled = image.is_float
                     || halftone.per_m2.is_some()
                     || halftone.formula.is_some()
+                    || halftone.plots.is_some()
                     || halftone.arrange == crate::Arrange::Grid;
                 if !is_scaled {
                     return Err(Problem::at(path.span, "this image says where, but not how dense")
@@ -96,12 +103,28 @@ impl<'a> Density<'a> {
                 Some(ImageField::new(path, image, halftone.invert, site.ground.frame())?)
             }
         };
+        let species = stand.species_of(&halftone.species)?;
+        let terrain = site.ground.frame();
+        let plots = match &halftone.plots {
+            None => None,
+            Some(path) => {
+                let table = site.around.plants.get(&path.value).ok_or_else(|| {
+                    Problem::at(path.span, format!("the table `{}` was not read", path.value))
+                })?;
+                Some(plots::density(path, table, species, stand, terrain)?)
+            }
+        };
+        let stand = &*stand;
+        let clump = |clump| Clumps::new(clump, site.shared_seed, terrain);
         let bind = |formula| BoundFormula::bind(formula, site.around.terrain, stand);
         Ok(Self {
             image,
             per_m2: halftone.per_m2.map_or(1.0, f64::from),
             formula: halftone.formula.as_ref().map(bind).transpose()?,
-            ground: &site.ground,
+            plots,
+            left: left_by_neighbours(halftone, site, stand),
+            clumps: halftone.clump.as_ref().map(clump),
+            ground: site.ground.clone(),
             kind,
         })
     }
@@ -123,13 +146,20 @@ impl<'a> Density<'a> {
             for (column, value) in line.iter_mut().enumerate() {
                 let wanted = f64::from(value.max(0.0)) * self.per_m2;
                 let patch = Patch::of(&frame, &terrain, column, row);
-                let wanted = wanted * f64::from(self.painted(&patch));
                 let [x, y] = patch.center();
+                let wanted = wanted * f64::from(self.painted(&patch)) * self.factor(x, y);
                 let is_possible = wanted > 0.0 && self.ground.bears(self.kind.ecology, x, y);
                 *value = if is_possible { wanted as f32 } else { 0.0 };
             }
         });
         Ok(Grid { frame, values })
+    }
+
+    /// Returns what plots, neighbours and clumps make of the density at a place.
+    fn factor(&self, x: f64, y: f64) -> f64 {
+        let sample = |grid: &Option<Grid>| grid.as_ref().map_or(1.0, |g| f64::from(g.sample(x, y)));
+        let clumps = self.clumps.as_ref().map_or(1.0, |clumps| clumps.at(x, y));
+        sample(&self.plots) * sample(&self.left) * clumps
     }
 
     fn painted(&self, patch: &Patch) -> f32 {
@@ -207,6 +237,33 @@ impl<'a> Density<'a> {
         }
         self.raster(frame).map(Some)
     }
+}
+
+/// Returns what the neighbours that a step names leave of its density, 0 to 1.
+fn left_by_neighbours(halftone: &Halftone, site: &Site<'_>, stand: &Stand<'_>) -> Option<Grid> {
+    if halftone.neighbour.is_empty() {
+        return None;
+    }
+    let frame = shadow_frame(site.ground.frame());
+    let mut left = Grid::filled(frame, 1.0);
+    let population = &stand.population;
+    for neighbour in &halftone.neighbour {
+        let mut near = Grid::filled(frame, 0.0);
+        for plant in &population.plants {
+            if population.species[usize::from(plant.species)] == neighbour.species.value {
+                add_nearness(&mut near, plant, neighbour.within, neighbour.transition);
+            }
+        }
+        let strength = neighbour.strength as f32;
+        left.values.iter_mut().zip(near.values).for_each(|(left, near)| {
+            let felt = match neighbour.effect {
+                Effect::Repel => near,
+                Effect::Attract => 1.0 - near,
+            };
+            *left *= 1.0 - strength * felt;
+        });
+    }
+    Some(left)
 }
 
 /// Returns how many cells to lay along the terrain where at least `least` are needed.

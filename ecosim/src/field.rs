@@ -47,6 +47,7 @@ impl<'a> Field<'a> {
 /// Where the numbers for one variable of a formula come from.
 enum Origin<'a> {
     Layer(Field<'a>),
+    Image(ImageField<'a>),
     Shadow(Grid),
     X,
     Y,
@@ -65,12 +66,13 @@ impl<'a> BoundFormula<'a> {
     pub(crate) fn bind(
         formula: &'a Written<Formula>,
         terrain: &'a Layers,
-        stand: &Stand<'_>,
+        stand: &Stand<'a>,
     ) -> Result<Self, Error> {
         let reads = formula.value.variables().iter().zip(formula.value.spans());
         let origin = |(variable, range): (&Variable, &std::ops::Range<usize>)| match variable {
             Variable::Layer(name) => {
-                Field::layer(terrain, name).map(Origin::Layer).ok_or_else(|| {
+                let image = stand.images.get(name.as_str()).copied().map(Origin::Image);
+                Field::layer(terrain, name).map(Origin::Layer).or(image).ok_or_else(|| {
                     let span = formula.span.narrow(range.start + 1..range.end + 1);
                     Problem::at(span, format!("the terrain has no layer `{name}`"))
                 })
@@ -131,6 +133,7 @@ impl<'a> BoundFormula<'a> {
     fn read(&self, origin: &Origin<'_>, places: &[[f64; 2]]) -> Vec<f32> {
         let value = |&[x, y]: &[f64; 2]| match origin {
             Origin::Layer(field) => field.at(x, y),
+            Origin::Image(image) => image.nearest(x, y),
             Origin::Shadow(grid) => grid.sample(x, y),
             Origin::X => (x - self.corner[0]) as f32,
             Origin::Y => (y - self.corner[1]) as f32,

@@ -5,33 +5,145 @@ use crate::attribute::{Attributes, Newcomers};
 use crate::config::{Arrange, Halftone, Method};
 use crate::curve::{Part, systematic};
 use crate::density::{Density, Patch, covering};
+use crate::distance::{inside, rise};
 use crate::dither::dither;
 use crate::relax::{Lloyd, Relaxation};
-use crate::stand::{Kind, Spot, Stand, settle};
+use crate::spacing::Keeper;
+use crate::stand::{Kind, Spot, Stand, settle, stand_on};
 use crate::steps::Site;
+use crate::{Unplaced, visible};
 use rayon::prelude::*;
 use std::f32::consts::{FRAC_PI_2, TAU};
-use weald_contract::{Frame, Grid, Plant, Problem, Span};
+use weald_contract::{Frame, Grid, Plant, Problem, Span, Stream};
 
 /// Attempts to find a place in a cell that the rim of what is painted, or a shore, crosses.
 const ATTEMPTS: usize = 16;
+/// Least crown at an edge that crowns may not cross, as a part of what it would be: a seedling.
+const LEAST_CROWN: f32 = 0.1;
 
 /// Adds the plants that the step's density asks for.
-pub(crate) fn run(
-    halftone: &Halftone,
-    site: &Site<'_>,
-    stand: &mut Stand<'_>,
+pub(crate) fn run<'a>(
+    halftone: &'a Halftone,
+    site: &Site<'a>,
+    stand: &mut Stand<'a>,
 ) -> Result<(), Error> {
     let species = stand.species_of(&halftone.species)?;
+    let around = halftone.around.iter().map(|name| stand.species_of(name));
+    let around: Vec<u16> = around.collect::<Result<_, _>>()?;
     let kind = stand.kind(species);
     let density = Density::new(halftone, kind, site, stand)?;
-    let sites = match halftone.arrange {
-        Arrange::Scatter => scatter(halftone, &density, site, stand)?,
-        Arrange::Grid => grid(halftone, &density, &kind, site, stand)?,
+    let mut plants = match halftone.arrange {
+        Arrange::Grid => {
+            let sites = grid(halftone, &density, &kind, site, stand)?;
+            grown(halftone, &sites, species, &kind, site, stand)?
+        }
+        Arrange::Scatter => {
+            let scattered = scatter(halftone, &around, &density, site, stand)?;
+            let mut plants = grown(halftone, &scattered.sites, species, &kind, site, stand)?;
+            scattered.tend_rim(halftone, &kind, &mut plants);
+            keep_apart(plants, &scattered, species, &density, site, stand)
+        }
     };
-    let plants = grown(halftone, &sites, species, &kind, site, stand)?;
+    let tallest = plants.iter().map(|plant| plant.height).fold(0.0, f32::max);
+    if let Some(seen) = visible::seen(halftone, f64::from(tallest), site)? {
+        plants.retain(|plant| seen.nearest(plant.x, plant.y).is_some_and(|seen| seen > 0.0));
+    }
     stand.add(plants);
     Ok(())
+}
+
+/// Places of plants, and the ground they were made for.
+struct Scattered {
+    sites: Vec<(u64, [f64; 2])>,
+    /// Plants per m²; no cells where nothing is wanted.
+    raster: Grid,
+    /// Distance from the edge of what is wanted, m, where the step asks for it.
+    inside: Option<Grid>,
+}
+
+impl Scattered {
+    /// Makes plants near the edge younger, as the step's rim says.
+    fn tend_rim(&self, halftone: &Halftone, kind: &Kind<'_>, plants: &mut [Plant]) {
+        let (Some(rim), Some(inside)) = (&halftone.rim, &self.inside) else { return };
+        plants.par_iter_mut().for_each(|plant| {
+            let away = inside.sample(plant.x, plant.y);
+            let ripe = rise(f64::from(away), 0.0, rim.falloff) as f32;
+            let part = rim.least + (1.0 - rim.least) * ripe;
+            if part < 1.0 {
+                plant.age *= part;
+                plant.height = kind.size.height_at(plant.age, plant.vigor);
+                plant.radius = kind.size.radius_of_height(plant.height);
+            }
+            if rim.crowns_inside && plant.radius > away {
+                plant.radius = away.max(LEAST_CROWN * plant.radius);
+                plant.height = kind.size.height_of_radius(plant.radius);
+                plant.age = plant.age.min(kind.size.age_of_height(plant.height, plant.vigor));
+            }
+        });
+    }
+
+    /// Returns where a drawn number between 0 and the sum of expected plants lies.
+    fn cell_at(&self, sums: &[f64], part: f64) -> usize {
+        let wanted = part * sums.last().copied().unwrap_or(0.0);
+        sums.partition_point(|sum| *sum <= wanted).min(sums.len().saturating_sub(1))
+    }
+}
+
+/// Moves plants that stand nearer to others than the scene's `spacing` allows.
+fn keep_apart(
+    plants: Vec<Plant>,
+    scattered: &Scattered,
+    species: u16,
+    density: &Density<'_>,
+    site: &Site<'_>,
+    stand: &mut Stand<'_>,
+) -> Vec<Plant> {
+    let widest = plants.iter().map(|plant| plant.radius).fold(0.0, f32::max);
+    let keeper = Keeper::new(stand.spacing, species, widest, stand);
+    let (Some(mut keeper), false) = (keeper, plants.is_empty()) else { return plants };
+    let wanted = plants.len() as u64;
+    let (raster, terrain) = (&scattered.raster, site.ground.frame());
+    let mut sum = 0.0;
+    let running = |value: &f32| {
+        sum += f64::from(*value);
+        sum
+    };
+    let sums: Vec<f64> = raster.values.iter().map(running).collect();
+    let is_welcome = |[x, y]: [f64; 2]| {
+        raster.nearest(x, y).is_some_and(|value| value > 0.0) && density.is_welcome(x, y)
+    };
+    let draw = |stream: &mut Stream| {
+        let cell = scattered.cell_at(&sums, stream.unit());
+        let (column, row) = (cell % raster.frame.width, cell / raster.frame.width);
+        let patch = Patch::of(&raster.frame, terrain, column, row);
+        [stream.range(patch.west, patch.east), stream.range(patch.south, patch.north)]
+    };
+    let (mut settled, unplaced) = keeper.settle(plants, site.seed, is_welcome, draw);
+    let kind = stand.kind(species);
+    settled.par_iter_mut().for_each(|plant| stand_on(&site.ground, &kind, plant));
+    if unplaced > 0 {
+        stand.unplaced.push(Unplaced { species, wanted, unplaced });
+    }
+    settled
+}
+
+/// Takes from a density what lies within the inset of its edge, and gives it to the rest.
+fn inset(raster: &mut Grid, inside: &Grid, by: f64) {
+    let total = |grid: &Grid| {
+        let rows = grid.values.par_chunks(4096).map(sum);
+        rows.collect::<Vec<f64>>().iter().sum::<f64>()
+    };
+    let before = total(raster);
+    raster.values.par_iter_mut().zip(&inside.values).for_each(|(value, away)| {
+        if f64::from(*away) < by {
+            *value = 0.0;
+        }
+    });
+    let after = total(raster);
+    if after > 0.0 {
+        let scale = (before / after) as f32;
+        raster.values.par_iter_mut().for_each(|value| *value *= scale);
+    }
 }
 
 /// Makes plants of ids and places.
@@ -66,10 +178,11 @@ fn grown(
 /// Chooses cells by the density, moves each plant at random within its cell, and relaxes.
 fn scatter(
     halftone: &Halftone,
+    around: &[u16],
     density: &Density<'_>,
     site: &Site<'_>,
     stand: &Stand<'_>,
-) -> Result<Vec<(u64, [f64; 2])>, Error> {
+) -> Result<Scattered, Error> {
     let what = format!("the halftone of `{}`", halftone.species.value);
     site.progress.begin(&what, 2 + u64::from(halftone.relax), "passes");
     let cell = halftone.cell.as_ref().map(|cell| cell.value);
@@ -78,9 +191,16 @@ fn scatter(
     if look.count > 2.0 * stand.room() as f64 {
         stand.check_room(look.count as u64, &what)?;
     }
-    let Some(raster) = density.fitted(&look, cell, &what)? else { return Ok(Vec::new()) };
-    site.progress.advance(1);
     let terrain = site.ground.frame();
+    let Some(mut raster) = density.fitted(&look, cell, &what)? else {
+        let raster = Grid { frame: Frame { width: 0, height: 0, ..*terrain }, values: Vec::new() };
+        return Ok(Scattered { sites: Vec::new(), raster, inside: None });
+    };
+    let edge = halftone.rim.as_ref().map(|rim| (rim, inside(&raster)));
+    if let Some((rim, inside)) = &edge {
+        inset(&mut raster, inside, rim.inset);
+    }
+    site.progress.advance(1);
     let expected = expected_plants(&raster, terrain);
     if let Some(cell) = &halftone.cell {
         check_one_a_cell(&raster, &expected, terrain, cell.span)?;
@@ -97,19 +217,25 @@ fn scatter(
     let homes: Vec<[f64; 2]> = cells.par_iter().map(home).collect();
     let mut places = homes.clone();
     if halftone.relax > 0 {
-        let (lloyd, movable) = (Lloyd::new(&raster, None), places.len());
+        let (plants, lies_near) = (&stand.population.plants, raster.frame);
+        let stays = plants.iter().filter(|plant| around.contains(&plant.species));
+        let fixed = stays.map(|plant| [plant.x, plant.y]);
+        places.extend(fixed.filter(|[x, y]| lies_near.contains(*x, *y)));
+        let (lloyd, movable) = (Lloyd::new(&raster, None), homes.len());
         for pass in 0..halftone.relax {
             site.check_cancelled()?;
             lloyd.pass(&mut places, movable, &Relaxation::pass(pass, halftone.relax));
             site.progress.advance(1);
         }
+        places.truncate(movable);
     }
     let placed = |(index, [x, y]): (usize, [f64; 2])| {
         let id = site.ids.id(number_in(&whole, &raster.frame, cells[index]));
         // The raster knows cells only; a plant that left what bears it goes back home.
         (id, if density.is_welcome(x, y) { [x, y] } else { homes[index] })
     };
-    Ok(places.into_par_iter().enumerate().map(placed).collect())
+    let sites = places.into_par_iter().enumerate().map(placed).collect();
+    Ok(Scattered { sites, raster, inside: edge.map(|(_, inside)| inside) })
 }
 
 fn sum(values: &[f32]) -> f64 {

@@ -9,11 +9,14 @@
 //! any number of threads and any order of the plants handed in.
 
 mod attribute;
+mod blobs;
 mod clear;
+mod clump;
 mod competition;
 mod config;
 mod curve;
 mod density;
+mod distance;
 mod dither;
 mod field;
 mod ground;
@@ -22,18 +25,22 @@ mod ids;
 mod mass;
 mod neighbors;
 mod place;
+mod plots;
 mod relax;
 mod shadow;
 mod simulate;
+mod spacing;
 mod species;
 mod stand;
 mod steps;
+mod visible;
 mod voronoi;
 
+pub use clump::Clump;
 pub use competition::{Circle, Plain, dominators};
 pub use config::{
-    Arrange, Attribute, Clear, Config, Edge, Halftone, Method, Order, Place, RelaxStep, Simulate,
-    Step, StepCommon,
+    Arrange, Attribute, Clear, Config, Edge, Effect, Halftone, Method, Neighbour, Order, Place,
+    RelaxStep, Rim, Simulate, Spacing, Step, StepCommon,
 };
 pub use curve::{Part, systematic};
 pub use dither::dither;
@@ -83,6 +90,35 @@ pub struct Outcome {
     pub summary: Vec<SummaryRow>,
     /// Every plant that died or was cleared away, in order of time, then id.
     pub deaths: Vec<Death>,
+    /// What `spacing` left no room for, a row for each halftone that it concerns.
+    pub unplaced: Vec<Unplaced>,
+    /// How well sample plots predict each other, a row for each table and species.
+    pub plot_fits: Vec<PlotFit>,
+}
+
+/// Plants of a halftone for which no place was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Unplaced {
+    /// Index into the species of the population.
+    pub species: u16,
+    /// Plants that the density asked for.
+    pub wanted: u64,
+    /// Those of them that stand nowhere.
+    pub unplaced: u64,
+}
+
+/// How a density was made from sample plots.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PlotFit {
+    /// Index into the species of the population.
+    pub species: u16,
+    /// Plots that count the species.
+    pub plots: u64,
+    /// Standard deviation of the Gaussian weights, m.
+    pub bandwidth: f64,
+    /// Leave-one-out error: root mean square, weighted by area, of each plot's density against
+    /// the one that the others predict, plants per m².
+    pub error: f64,
 }
 
 /// State of one species at the end of a simulated year.

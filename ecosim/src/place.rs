@@ -1,10 +1,12 @@
-//! Plants placed one by one: a table, or points in the scene.
+//! Plants placed one by one: a table, points in the scene, or dots of an image.
 
 use crate::Error;
-use crate::attribute::{Attributes, Newcomers};
+use crate::attribute::{Attributes, Newcomers, USUAL_AGE};
+use crate::blobs;
 use crate::config::Place;
+use crate::field::ImageField;
 use crate::stand::{Kind, Spot, Stand, fault, settle, stand_on};
-use crate::steps::Site;
+use crate::steps::{Site, image_of};
 use weald_contract::{Plant, Population, Problem, Span, Written};
 
 /// Adds the plants of the table, then those at the points.
@@ -43,11 +45,13 @@ fn from_table(
     for (counter, row) in rows.into_iter().enumerate() {
         let who = format!("plant {} (row {row}) of `{}`", table.plants[row].id, path.value);
         let mut plant = table.plants[row];
+        plant.id = site.ids.id(counter as u64);
+        let own = species.get(usize::from(plant.species));
+        fill_in(&mut plant, own, site, stand);
         if let Some(wrong) = fault(&plant, species.len()) {
             return Err(Problem::at(path.span, format!("{who}: {wrong}")).into());
         }
         plant.species = species[usize::from(plant.species)];
-        plant.id = site.ids.id(counter as u64);
         let kind = stand.kind(plant.species);
         check_place(&who, path.span, [plant.x, plant.y], &kind, site)?;
         complete(&mut plant, &kind);
@@ -66,6 +70,32 @@ fn species_of_table(
     table.species.iter().map(find).collect()
 }
 
+/// Gives a plant the numbers that its table does not tell: size from age and age from size, and
+/// what a halftone would draw where it tells neither.
+fn fill_in(plant: &mut Plant, species: Option<&u16>, site: &Site<'_>, stand: &Stand<'_>) {
+    let Some(kind) = species.map(|species| stand.kind(*species)) else { return };
+    if plant.vigor.is_nan() {
+        let moisture = site.ground.soil_moisture(plant.x, plant.y);
+        plant.vigor = kind.ecology.vigor(moisture, site.seed, plant.id);
+    }
+    for size in [&mut plant.height, &mut plant.radius] {
+        *size = if size.is_nan() { 0.0 } else { *size };
+    }
+    if plant.age.is_nan() {
+        let height = match plant.height {
+            0.0 => kind.size.height_of_radius(plant.radius),
+            height => height,
+        };
+        plant.age = if height > 0.0 {
+            kind.size.age_of_height(height, plant.vigor)
+        } else {
+            let part = USUAL_AGE.map(f64::from);
+            let part = site.seed.stream("age", plant.id).range(part[0], part[1]) as f32;
+            part * kind.size.lifespan
+        };
+    }
+}
+
 fn complete(plant: &mut Plant, kind: &Kind<'_>) {
     if plant.height == 0.0 {
         plant.height = match plant.radius {
@@ -78,7 +108,7 @@ fn complete(plant: &mut Plant, kind: &Kind<'_>) {
     }
 }
 
-/// Makes a plant at each point of `at`; `first` ids of the step are taken.
+/// Makes a plant at each point of `at`, then of `dots`; `first` ids of the step are taken.
 fn from_points(
     place: &Place,
     species: &Written<String>,
@@ -89,11 +119,18 @@ fn from_points(
     let index = stand.species_of(species)?;
     let kind = stand.kind(index);
     let frame = site.ground.frame();
-    let mut spots = Vec::with_capacity(place.at.len());
-    for (counter, at) in place.at.iter().enumerate() {
-        let [x, y] = [frame.west + at.value[0], frame.south + at.value[1]];
-        check_place(&format!("this {}", species.value), at.span, [x, y], &kind, site)?;
-        spots.push((site.ids.id(first + counter as u64), [x, y]));
+    let point =
+        |at: &Written<[f64; 2]>| (at.span, [frame.west + at.value[0], frame.south + at.value[1]]);
+    let mut places: Vec<(Span, [f64; 2])> = place.at.iter().map(point).collect();
+    if let Some(path) = &place.dots {
+        places.extend(dots(path, site)?.into_iter().map(|place| (path.span, place)));
+    }
+    let mut spots = Vec::with_capacity(places.len());
+    for (counter, (span, at)) in places.into_iter().enumerate() {
+        let [x, y] = [at[0] - frame.west, at[1] - frame.south];
+        let who = format!("the {} at {x:.1}, {y:.1}", species.value);
+        check_place(&who, span, at, &kind, site)?;
+        spots.push((site.ids.id(first + counter as u64), at));
     }
     let (age, vigor) = (&place.age, &place.vigor);
     let attributes = Attributes { age, age_noise: 0.0, vigor, vigor_noise: 0.0 };
@@ -104,6 +141,17 @@ fn from_points(
         settle(&site.ground, &kind, index, Spot { id, x, y, age, vigor, yaw })
     };
     Ok(spots.iter().zip(drawn).map(plant).collect())
+}
+
+/// Returns the middles of the blobs of an image in map coordinates.
+fn dots(path: &Written<String>, site: &Site<'_>) -> Result<Vec<[f64; 2]>, Error> {
+    let (image, terrain) = (image_of(path, &site.around)?, site.ground.frame());
+    // The image must fit as densities must; what is read are its blobs.
+    ImageField::new(path, image, false, terrain)?;
+    let frame = image.frame.as_ref().unwrap_or(terrain);
+    let (width, height) = (frame.east() - frame.west, frame.north() - frame.south);
+    let place = |[u, v]: [f64; 2]| [frame.west + u * width, frame.south + v * height];
+    Ok(blobs::middles(image).into_iter().map(place).collect())
 }
 
 /// Complains of a place off the terrain or in water of the wrong depth.

@@ -25,7 +25,8 @@ pub(crate) fn crown_shadow(terrain: &Layers, stand: &Stand<'_>, species: &str) -
     shadow
 }
 
-fn shadow_frame(terrain: &Frame) -> Frame {
+/// Returns the cells of a raster of crowns.
+pub(crate) fn shadow_frame(terrain: &Frame) -> Frame {
     let (width, height) =
         (terrain.width as f64 * terrain.cell, terrain.height as f64 * terrain.cell);
     let cell = terrain.cell.min(FINE_CELL).max((width * height / MOST_CELLS).sqrt());

@@ -130,7 +130,8 @@ impl<'a> Simulation<'a> {
         let mut stand = Stand::new(around, None, u64::MAX)?;
         let ids = Tags::default().take(None, 0);
         let ground = Ground::new(around.terrain)?;
-        let site = Site { ground, around: *around, seed, ids, progress: &Silent };
+        let site =
+            Site { ground, around: *around, seed, shared_seed: seed, ids, progress: &Silent };
         Self::begin(rules, &site, &mut stand)
     }
 

@@ -1,8 +1,10 @@
 //! The plants so far, as steps work on them.
 
+use crate::config::Spacing;
+use crate::field::ImageField;
 use crate::ground::Ground;
 use crate::species::Ecology;
-use crate::{Death, Error, Outcome, SummaryRow, Surroundings};
+use crate::{Death, Error, Outcome, PlotFit, SummaryRow, Surroundings, Unplaced};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -44,6 +46,14 @@ pub(crate) struct Stand<'a> {
     pub(crate) summary: Vec<SummaryRow>,
     /// Deaths so far.
     pub(crate) deaths: Vec<Death>,
+    /// What found no place so far.
+    pub(crate) unplaced: Vec<Unplaced>,
+    /// How well plots predicted each other so far.
+    pub(crate) plot_fits: Vec<PlotFit>,
+    /// Images that formulas may read, by name.
+    pub(crate) images: BTreeMap<&'a str, ImageField<'a>>,
+    /// Distances that plants keep.
+    pub(crate) spacing: &'a [Spacing],
     known: &'a BTreeMap<String, (Species, Ecology)>,
     most: u64,
 }
@@ -61,8 +71,19 @@ impl<'a> Stand<'a> {
         }
         let names = std::mem::take(&mut population.species);
         let (kinds, year, known) = (Vec::new(), 0, around.species);
-        let (summary, deaths) = (Vec::new(), Vec::new());
-        let mut stand = Self { population, kinds, year, summary, deaths, known, most };
+        let mut stand = Self {
+            population,
+            kinds,
+            year,
+            summary: Vec::new(),
+            deaths: Vec::new(),
+            unplaced: Vec::new(),
+            plot_fits: Vec::new(),
+            images: BTreeMap::new(),
+            spacing: &[],
+            known,
+            most,
+        };
         for name in &names {
             stand.species_index(name).ok_or_else(|| unknown(name, known))?;
         }
@@ -159,7 +180,8 @@ impl<'a> Stand<'a> {
 
     /// Returns what the steps made.
     pub(crate) fn finish(self) -> Outcome {
-        Outcome { population: self.population, summary: self.summary, deaths: self.deaths }
+        let Self { population, summary, deaths, unplaced, plot_fits, .. } = self;
+        Outcome { population, summary, deaths, unplaced, plot_fits }
     }
 }
 

@@ -1,11 +1,12 @@
 //! The list of steps, run in order.
 
-use crate::config::{Config, Step};
+use crate::config::{Config, Step, stem};
+use crate::field::ImageField;
 use crate::ground::Ground;
 use crate::ids::{IdSource, Tags};
 use crate::stand::Stand;
 use crate::{Error, Outcome, Surroundings, clear, halftone, place, relax, simulate};
-use weald_contract::{Population, Progress, Seed};
+use weald_contract::{Image, Population, Problem, Progress, Seed, Written};
 
 /// What every step reads.
 pub(crate) struct Site<'a> {
@@ -13,6 +14,8 @@ pub(crate) struct Site<'a> {
     pub(crate) around: Surroundings<'a>,
     /// Root of this step's chance.
     pub(crate) seed: Seed,
+    /// Root of the chance that steps share.
+    pub(crate) shared_seed: Seed,
     /// Ids of the plants that this step creates.
     pub(crate) ids: IdSource,
     pub(crate) progress: &'a dyn Progress,
@@ -43,16 +46,39 @@ pub fn grow(
         return Err(problem.into());
     }
     let mut stand = Stand::new(around, start, config.max_plants)?;
+    stand.spacing = &config.spacing;
+    for path in &config.images {
+        let image = image_of(path, around)?;
+        let field = ImageField::new(path, image, false, &around.terrain.frame)?;
+        stand.images.insert(stem(&path.value), field);
+    }
     let mut tags = Tags::beside(stand.population.plants.iter().map(|plant| plant.id));
     let ground = Ground::new(around.terrain)?;
     for (ordinal, step) in config.step.iter().enumerate().filter(|(_, s)| s.common.enabled) {
         let ids = tags.take(step.common.name.as_deref(), ordinal);
-        let seed = seed.part("ecosim", ids.tag);
-        let site = Site { ground: ground.clone(), around: *around, seed, ids, progress };
+        let site = Site {
+            ground: ground.clone(),
+            around: *around,
+            seed: seed.part("ecosim", ids.tag),
+            shared_seed: seed,
+            ids,
+            progress,
+        };
         site.check_cancelled()?;
         run(&step.variant, &site, &mut stand)?;
     }
     Ok(stand.finish())
+}
+
+/// Returns the image that a path names.
+pub(crate) fn image_of<'a>(
+    path: &Written<String>,
+    around: &Surroundings<'a>,
+) -> Result<&'a Image, Error> {
+    let image = around.images.get(&path.value).ok_or_else(|| {
+        Problem::at(path.span, format!("the image `{}` was not read", path.value))
+    })?;
+    Ok(image)
 }
 
 fn run<'a>(step: &'a Step, site: &Site<'a>, stand: &mut Stand<'a>) -> Result<(), Error> {

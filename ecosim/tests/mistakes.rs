@@ -128,7 +128,7 @@ fn a_table_with_a_bad_plant_is_refused_with_its_row() {
     let mut world = world();
     let good = world.grow(&format!("{HALFTONE}per_m2 = 0.1")).unwrap().population;
     let mut bad: Population = good.clone();
-    bad.plants[3].vigor = f32::NAN;
+    bad.plants[3].vigor = -1.0;
     world.plants.insert("trees.csv".into(), bad.clone());
     let steps = "[[step]]\nkind = \"place\"\nplants = \"trees.csv\"";
     let (problem, at) = world.mistake(steps);

@@ -350,3 +350,288 @@ fn a_local_edit_moves_only_plants_near_it_and_keeps_their_ids() {
     // The sum is rounded as a whole, so that a few distant squares gain or lose one plant.
     assert!(far.len() < before.len() / 20, "{} of {} moved", far.len(), before.len());
 }
+
+/// The least distance between a plant of one species and one of the other, m.
+fn nearest_pair(population: &weald_contract::Population, one: &str, other: &str) -> f64 {
+    let of = |name: &str| {
+        let index = population.species.iter().position(|known| known == name).unwrap();
+        population.plants.iter().filter(move |plant| usize::from(plant.species) == index)
+    };
+    let mut least = f64::INFINITY;
+    for a in of(one) {
+        let others = of(other).filter(|b| b.id != a.id);
+        least = others.map(|b| (a.x - b.x).hypot(a.y - b.y)).fold(least, f64::min);
+    }
+    least
+}
+
+#[test]
+fn species_keep_their_distances_and_their_counts() {
+    let blot = |column: usize, row: usize| {
+        let path = column.abs_diff(row) < 8;
+        if path { 0.0 } else { 0.3 + 0.7 * (column as f32 / 99.0) }
+    };
+    let world = plain(40, 1.0)
+        .with_species("herb", HERB)
+        .with_species("rose", HERB)
+        .with_species("tree", world::TREE)
+        .with_image("d.png", 100, 100, blot);
+    let steps = "
+        spacing = [
+            { species = [\"tree\", \"rose\"], stems = 1.5 },
+            { species = [\"herb\"], from = \"rose\", stems = 0.6 },
+            { species = [\"herb\"], from = \"tree\", crowns = 0.8 },
+            { species = [\"herb\"], stems = 0.3 },
+        ]
+        [[step]]
+        kind = \"place\"
+        species = \"tree\"
+        at = [[8, 20], [30, 12], [20, 33]]
+        age = [60, 80]
+        vigor = [1, 1]
+        [[step]]
+        kind = \"halftone\"
+        species = \"rose\"
+        density = \"d.png\"
+        per_m2 = 0.2
+        [[step]]
+        kind = \"halftone\"
+        species = \"herb\"
+        density = \"d.png\"
+        per_m2 = 1.5
+        age = [2, 3]";
+    let outcome = world.grow(steps).unwrap();
+    let painted: f64 = (0..10_000).map(|i| f64::from(blot(i % 100, i / 100)) * 0.16).sum();
+    let counts = outcome.population.counts();
+    assert_eq!(outcome.unplaced, []);
+    assert_eq!(counts[0], 3);
+    assert_eq!(counts[1], (painted * 0.2).round() as usize);
+    assert_eq!(counts[2], (painted * 1.5).round() as usize);
+    let population = &outcome.population;
+    assert!(nearest_pair(population, "rose", "rose") >= 1.5);
+    assert!(nearest_pair(population, "rose", "tree") >= 1.5);
+    assert!(nearest_pair(population, "herb", "rose") >= 0.6);
+    assert!(nearest_pair(population, "herb", "herb") >= 0.3);
+    for tree in population.plants.iter().filter(|p| p.species == 0) {
+        for herb in population.plants.iter().filter(|p| p.species == 2) {
+            let apart = 0.8 * f64::from(tree.radius + herb.radius);
+            assert!((tree.x - herb.x).hypot(tree.y - herb.y) >= apart);
+        }
+    }
+    // Whoever moved still keeps off the path.
+    for [x, y] in world
+        .places(population)
+        .iter()
+        .zip(&population.plants)
+        .filter_map(|(p, plant)| (plant.species > 0).then_some(*p))
+    {
+        assert!(blot((x * 2.5) as usize, 99 - (y * 2.5) as usize) > 0.0);
+    }
+}
+
+#[test]
+fn what_finds_no_place_is_counted() {
+    let world = plain(20, 1.0).with_species("herb", HERB);
+    let steps = "
+        spacing = [{ species = [\"herb\"], stems = 1.0 }]
+        [[step]]
+        kind = \"halftone\"
+        species = \"herb\"
+        per_m2 = 2";
+    let outcome = world.grow(steps).unwrap();
+    let [unplaced] = outcome.unplaced[..] else { panic!("one row: {:?}", outcome.unplaced) };
+    assert_eq!(unplaced.wanted, 800);
+    assert_eq!(outcome.population.len() as u64, 800 - unplaced.unplaced);
+    // Hexagons one metre apart hold 2/√3 plants per m²; discs dropped at random 0.697.
+    assert!((270..540).contains(&outcome.population.len()), "{}", outcome.population.len());
+    assert!(nearest_pair(&outcome.population, "herb", "herb") >= 1.0);
+}
+
+#[test]
+fn images_are_read_by_formulas_so_that_one_density_excludes_another() {
+    let half = |column: usize, _| if column < 10 { 1.0 } else { 0.25 };
+    let world = plain(40, 1.0).with_species("herb", HERB).with_image("in/rose.png", 20, 20, half);
+    let steps = "images = [\"in/rose.png\"]\n[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\n\
+                 formula = \"1 - rose\"\nvigor = \"rose\"\nvigor_noise = 0";
+    let population = world.grow(steps).unwrap().population;
+    assert_eq!(population.len(), 600);
+    assert!(world.places(&population).iter().all(|p| p[0] >= 20.0));
+    assert!(population.plants.iter().all(|plant| plant.vigor == 0.25));
+}
+
+#[test]
+fn neighbours_draw_near_and_drive_away() {
+    let world = plain(60, 0.5).with_species("herb", HERB).with_species("tree", world::TREE);
+    let planted = |effect: &str| {
+        let steps = format!(
+            "[[step]]\nkind = \"place\"\nspecies = \"tree\"\nat = [[15, 15]]\nage = [80, 80]\n\
+             [[step]]\nkind = \"halftone\"\nspecies = \"herb\"\nper_m2 = 2\n\
+             neighbour = [{{ species = \"tree\", effect = \"{effect}\", within = 1, transition = 2 }}]"
+        );
+        let population = world.grow(&steps).unwrap().population;
+        let tree = *population.plants.iter().find(|p| p.species == 0).unwrap();
+        let radius = f64::from(tree.radius);
+        let away: Vec<f64> = population
+            .plants
+            .iter()
+            .filter(|p| p.species == 1)
+            .map(|p| (p.x - tree.x).hypot(p.y - tree.y) - radius)
+            .collect();
+        away
+    };
+    let (near, far) = (planted("attract"), planted("repel"));
+    assert!(near.iter().all(|away| *away < 3.6) && near.len() > 60);
+    assert!(far.iter().all(|away| *away > 0.4) && far.len() > 1200);
+}
+
+#[test]
+fn rims_keep_the_count_inside_and_make_the_edge_younger() {
+    let world = plain(50, 1.0).with_species("herb", HERB).with_image("disc.png", 200, 200, disc);
+    let steps = "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\ndensity = \"disc.png\"\n\
+                 per_m2 = 2\nage = [3, 3]\n\
+                 rim = { inset = 1, falloff = 4, least = 0.2, crowns_inside = true }";
+    let population = world.grow(steps).unwrap().population;
+    let pixels = (0..200 * 200).filter(|i| disc(i % 200, i / 200) > 0.0).count();
+    assert_eq!(population.len(), (pixels as f64 * 2.0 / 16.0).round() as usize);
+    for (plant, [x, y]) in population.plants.iter().zip(world.places(&population)) {
+        let away = 15.0 - (x - 25.0).hypot(y - 25.0);
+        // Cells are about a third of a metre.
+        assert!(away > 0.6, "{away}");
+        assert!(f64::from(plant.radius) < away + 0.4);
+        assert!(away > 4.5 && plant.age == 3.0 || away < 4.5 && plant.age <= 3.0);
+    }
+    let young = population.plants.iter().map(|p| p.age).fold(3.0, f32::min);
+    assert!(young < 1.2, "{young}");
+}
+
+#[test]
+fn clumps_hold_what_is_planted() {
+    let world = plain(60, 1.0).with_species("herb", HERB);
+    let planted = |clump: &str| {
+        let steps = format!(
+            "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\nper_m2 = 1\nclump = {clump}"
+        );
+        world.grow(&steps).unwrap().population.len()
+    };
+    assert_eq!(planted("{ size = 6, share = 0 }"), 0);
+    assert_eq!(planted("{ size = 6, share = 0, between = 0.5 }"), 1800);
+    assert!((400..2400).contains(&planted("{ size = 6 }")));
+}
+
+#[test]
+fn fixed_plants_keep_newcomers_off_and_stay() {
+    let world = plain(40, 0.5).with_species("herb", HERB).with_species("rose", HERB);
+    let planted = |around: &str| {
+        let steps = format!(
+            "[[step]]\nkind = \"place\"\nspecies = \"rose\"\nat = [[10, 10], [5, 14], [13.25, 6.125]]\n\
+             [[step]]\nkind = \"halftone\"\nspecies = \"herb\"\nper_m2 = 1\nrelax = 40\n\
+             around = [{around}]"
+        );
+        let population = world.grow(&steps).unwrap().population;
+        let roses = population.plants.iter().filter(|p| p.species == 0);
+        let places: Vec<[f64; 2]> = roses.map(|p| [p.x - 500_000.0, p.y - 5_200_000.0]).collect();
+        assert_eq!(places, [[10.0, 10.0], [5.0, 14.0], [13.25, 6.125]]);
+        nearest_pair(&population, "rose", "herb")
+    };
+    // In an even pattern of one plant per m², neighbours are 1.07 m apart.
+    assert!(planted("\"rose\"") > 0.7);
+    assert!(planted("") < 0.6);
+}
+
+#[test]
+fn every_dark_blob_of_an_image_is_one_plant() {
+    let dots = |column: usize, row: usize| {
+        let near = |c: usize, at: usize| c.abs_diff(at) <= 2;
+        let is_dot =
+            near(row, 50) && (near(column, 20) || near(column, 60)) || (column, row) == (99, 0);
+        if is_dot { 0.0 } else { 1.0 }
+    };
+    let world =
+        plain(50, 1.0).with_species("tree", world::TREE).with_image("d.png", 100, 100, dots);
+    let steps = "[[step]]\nkind = \"place\"\nspecies = \"tree\"\ndots = \"d.png\"\nage = [9, 9]";
+    let mut places = world.places(&world.grow(steps).unwrap().population);
+    places.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    let near = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]) < 1e-6;
+    assert_eq!(places.len(), 3);
+    assert!(near(places[0], [10.25, 24.75]) && near(places[1], [30.25, 24.75]), "{places:?}");
+    assert!(near(places[2], [49.75, 49.75]));
+}
+
+#[test]
+fn sample_plots_become_a_density() {
+    let mut world = plain(60, 1.0).with_species("herb", HERB);
+    let mut plots = weald_contract::Population::default();
+    let herb = plots.species_index("herb");
+    let ground = world.terrain.frame;
+    let blank = weald_contract::Plant {
+        id: 0,
+        species: herb,
+        state: weald_contract::State::Free,
+        x: 0.0,
+        y: 0.0,
+        z: 0.0,
+        radius: 0.0,
+        height: 0.0,
+        age: 0.0,
+        vigor: 0.0,
+        yaw: 0.0,
+        lean: 0.0,
+        lean_azimuth: 0.0,
+    };
+    for i in 0..36 {
+        let [x, y] = [(i % 6) as f64 * 10.0 + 5.0, (i / 6) as f64 * 10.0 + 5.0];
+        plots.plants.push(weald_contract::Plant {
+            id: i,
+            x: ground.west + x,
+            y: ground.south + y,
+            ..blank
+        });
+        plots.extra.entry("area".into()).or_default().push(4.0);
+        let count = if x < 30.0 { 12.0 } else { 4.0 };
+        plots.extra.entry("count".into()).or_default().push(count);
+    }
+    world.plants.insert("plots.csv".into(), plots);
+    let steps = "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\nplots = \"plots.csv\"";
+    let outcome = world.grow(steps).unwrap();
+    let [fit] = outcome.plot_fits[..] else { panic!("one row: {:?}", outcome.plot_fits) };
+    assert_eq!(fit.plots, 36);
+    assert!(fit.error > 0.1 && fit.error < 1.0, "{fit:?}");
+    let west = world.places(&outcome.population).iter().filter(|p| p[0] < 30.0).count() as f64;
+    let all = outcome.population.len() as f64;
+    // 3 and 1 plants per m² on 1,800 m² each.
+    assert!((all - 7200.0).abs() < 360.0 && (west / all - 0.75).abs() < 0.06, "{west} of {all}");
+}
+
+#[test]
+fn a_view_plants_what_it_sees_with_the_ids_of_the_whole() {
+    let mut world = plain(100, 1.0).with_species("herb", HERB);
+    // A wall in the north, 10 m high, hides what lies behind it.
+    let frame = world.terrain.frame;
+    let heights = (0..frame.len()).map(|i| {
+        let (_, y) = frame.center(i % frame.width, i / frame.width);
+        if (70.0..73.0).contains(&(y - frame.south)) { 110.0 } else { 100.0 }
+    });
+    let heights = heights.collect();
+    world.terrain.insert("altitude", "m", "height", heights);
+    let value = weald_contract::Value::parse(
+        0,
+        "name = \"gate\"\nstand_at = [50, 20]\nlook_at = [50, 60]\nfov_deg = 60",
+    );
+    let view = weald_contract::FromToml::from_toml(&value.unwrap(), &mut Vec::new());
+    world.views = vec![view.unwrap()];
+    let steps = "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\nper_m2 = 0.5\n";
+    let whole = world.grow(steps).unwrap().population;
+    let some = format!("{steps}visible_from = \"gate\"\nvisible_margin = 3");
+    let seen = world.grow(&some).unwrap().population;
+    let by_id: std::collections::BTreeMap<u64, _> =
+        whole.plants.iter().map(|plant| (plant.id, *plant)).collect();
+    assert!(seen.plants.iter().all(|plant| by_id.get(&plant.id) == Some(plant)));
+    let places = world.places(&seen);
+    let is_in = |p: &[f64; 2]| (p[0] - 50.0).abs() < (p[1] - 20.0) * 0.577 && p[1] < 69.0;
+    let wanted = world.places(&whole).iter().filter(|p| is_in(p)).count();
+    assert_eq!(places.iter().filter(|p| is_in(p)).count(), wanted);
+    // Nothing behind the wall or the eye, but for margins and the rim of cells.
+    assert!(places.iter().all(|p| p[1] > 15.0 && p[1] < 78.0));
+    let (problem, at) = world.mistake(&some.replace("gate", "gat"));
+    assert!(problem.contains("no view") && at == "\"gat\"", "{problem} {at}");
+}

@@ -4,7 +4,7 @@
 
 use std::collections::BTreeMap;
 use weald_contract::{
-    Crs, Frame, FromToml, Image, Layers, Population, Problems, Seed, Silent, Species, Value,
+    Crs, Frame, FromToml, Image, Layers, Population, Problems, Seed, Silent, Species, Value, View,
 };
 use weald_ecosim::{Config, Ecology, Error, Outcome, Surroundings, grow};
 
@@ -13,6 +13,7 @@ pub struct World {
     pub species: BTreeMap<String, (Species, Ecology)>,
     pub images: BTreeMap<String, Image>,
     pub plants: BTreeMap<String, Population>,
+    pub views: Vec<View>,
     pub seed: Seed,
 }
 
@@ -27,7 +28,7 @@ pub fn plain(cells: usize, cell: f64) -> World {
     terrain.insert("water_depth", "m", "depth", vec![0.0; frame.len()]);
     terrain.insert("soil_moisture", "1", "moisture", (0..frame.len()).map(moisture).collect());
     let (species, images, plants) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
-    World { terrain, species, images, plants, seed: Seed(7) }
+    World { terrain, species, images, plants, views: Vec::new(), seed: Seed(7) }
 }
 
 impl World {
@@ -83,7 +84,7 @@ impl World {
             species: &self.species,
             images: &self.images,
             plants: &self.plants,
-            views: &[],
+            views: &self.views,
         };
         grow(&config(steps), &around, start, self.seed, &Silent)
     }

@@ -21,6 +21,7 @@ mod exact;
 mod features;
 mod groups;
 mod palette;
+mod parts;
 mod refine;
 mod report;
 mod samples;
@@ -35,6 +36,7 @@ use weald_contract::{
 };
 
 pub use codebook::{Codebook, Mode, cluster, refine, split};
+pub use parts::{PartsReport, share_organs};
 pub use report::{Drift, Level, Report, SpeciesReport, WorstPlant};
 pub use stream::{Chunks, Streamed, Streaming, cluster_chunks};
 pub use table::{Table, TableError};

@@ -36,10 +36,10 @@ const SAMPLE: usize = 1 << 18;
 const CELLS: usize = 1 << 13;
 const CELLS_A_CLUSTER: usize = 32;
 
-/// Other starts at most, and the comparisons of a row with a centre that all may take in one step:
+/// Other starts at most, and the numbers of rows and centres that all may compare in one step:
 /// starts are for small tables and few clusters, where they take little time.
 const STARTS: usize = 128;
-const STARTS_WORK: usize = 1 << 19;
+const STARTS_WORK: usize = 1 << 21;
 
 /// Clusters samples into at most `k` clusters, with as little distortion as is found.
 pub(crate) fn search(samples: &Samples, k: usize) -> Partition {
@@ -63,7 +63,7 @@ fn search_all(samples: &Samples, k: usize) -> State {
     let first = split_samples(samples, k);
     let k = first.k;
     let best = search_from(samples, descend(samples, &first, STEPS_TO_SETTLE));
-    let work = samples.len().saturating_mul(k).max(1);
+    let work = samples.rows.len().saturating_mul(k).max(1);
     let starts = if k < 2 || k >= samples.len() { 0 } else { (STARTS_WORK / work).min(STARTS) };
     let others: Vec<State> = (0..starts as u64)
         .into_par_iter()

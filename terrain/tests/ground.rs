@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 use weald_contract::{
-    Crs, Frame, FromToml, Grid, Layers, Problem, Projection, Raster, Seed, Silent, Value, View,
+    Crs, Frame, FromToml, Grid, Layers, Problem, Raster, Seed, Silent, Value, View,
 };
 use weald_terrain::{Config, Error, build};
 
@@ -29,15 +29,8 @@ fn config(text: &str) -> Config {
 }
 
 fn view() -> View {
-    View {
-        name: "bank".into(),
-        stand_at: [70.0, 40.0],
-        eye_height: 1.7,
-        look_at: [50.0, 60.0],
-        look_height: 1.0,
-        fov_deg: 50.0,
-        projection: Projection::Perspective,
-    }
+    let text = "name = \"bank\"\nstand_at = [70, 40]\nlook_at = [50, 60]";
+    View::from_toml(&Value::parse(0, text).unwrap(), &mut Vec::new()).unwrap()
 }
 
 fn terrain(text: &str) -> Result<Layers, Error> {

@@ -180,27 +180,53 @@ Examples:
   weald quantize population.parquet --representatives 8 -o quantized
   weald quantize population.csv --budget 64 --set mode=best -o quantized
   weald quantize population.parquet --scene scenes/pond -o quantized
+  weald quantize population.parquet --sweep 4,16,64,256 -o sweep
+  weald quantize --table v.csv --columns a,b,c --weight w -k 64 --mode best -o centres.csv
 
 Without a scene, species are looked for in `species/` beside the population, then in the program.")]
 pub struct Quantize {
     /// The plants, `.parquet` or `.csv`.
-    #[arg(value_name = "POPULATION", value_hint = ValueHint::FilePath)]
-    pub population: PathBuf,
+    #[arg(value_name = "POPULATION", required_unless_present = "table", value_hint = ValueHint::FilePath)]
+    pub population: Option<PathBuf>,
+    /// Cluster the rows of any table of numbers instead, `.parquet` or `.csv`.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["population", "scene", "budget", "set"], value_hint = ValueHint::FilePath)]
+    pub table: Option<PathBuf>,
+    /// Columns of the table to compare [default: all of numbers but the weight].
+    #[arg(long, value_name = "NAMES", value_delimiter = ',', requires = "table")]
+    pub columns: Vec<String>,
+    /// Column of the table that says how much a row counts.
+    #[arg(long, value_name = "NAME", requires = "table")]
+    pub weight: Option<String>,
     /// Take `[quantize]` and species from this scene.
     #[arg(long, value_name = "SCENE", value_hint = ValueHint::AnyPath)]
     pub scene: Option<PathBuf>,
-    /// Models grown of each species.
+    /// Models grown of each species, or clusters of the table.
     #[arg(long, short = 'k', value_name = "NUMBER")]
     pub representatives: Option<u32>,
     /// Models grown in all.
     #[arg(long, value_name = "NUMBER", conflicts_with = "representatives")]
     pub budget: Option<u32>,
+    /// Quantize with each of these numbers of models a species, grow them, and compare their looks
+    /// and size: `--sweep 4,16,64`.
+    #[arg(long, value_name = "NUMBERS", value_delimiter = ',', conflicts_with_all = ["table", "scene", "representatives", "budget"], value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub sweep: Vec<u32>,
+    /// How long to improve: paper, fast or best [default: fast].
+    #[arg(long, value_name = "WORD", value_parser = quantize_mode)]
+    pub mode: Option<weald_run::vectors::Mode>,
     /// Any field of `[quantize]`: `--set mode=best`.
     #[arg(long, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
-    /// Folder for `palette.toml`, `instances.parquet` and `quantize.json`.
-    #[arg(long, short, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
-    pub output: PathBuf,
+    /// Folder for `palette.toml`, `instances.parquet` and `quantize.json`, or the table of
+    /// centres.
+    #[arg(long, short, value_name = "PATH", required_unless_present = "table", value_hint = ValueHint::AnyPath)]
+    pub output: Option<PathBuf>,
+}
+
+/// A mode of quantization by its word.
+fn quantize_mode(word: &str) -> Result<weald_run::vectors::Mode, String> {
+    use weald_run::vectors::Mode;
+    let found = [Mode::Paper, Mode::Fast, Mode::Best].into_iter().find(|mode| mode.word() == word);
+    found.ok_or_else(|| "the modes are paper, fast and best".to_string())
 }
 
 /// `weald plants`.
@@ -347,35 +373,69 @@ pub struct Preview {
 /// `weald analyze`.
 #[derive(Debug, ClapArgs)]
 #[command(after_long_help = "\
+Statistics:
+  K    further points within r of a point      L    sqrt(K / pi), which is r at random
+  G    distance to the nearest neighbour       F    distance from anywhere to a point
+  J    (1 - G) / (1 - F)                       pcf  density at r over the mean density
+
 Examples:
   weald analyze population.parquet -o statistics
-  weald analyze stems.csv --species aspen --radius 25 -o statistics
-  weald analyze summary.csv             slope of the self-thinning line")]
+  weald analyze stems.csv --window 0,0,200,200 --statistics L,pcf --simulations 199 -o statistics
+  weald analyze stems.csv --types species --marks dbh_cm -o statistics
+  weald analyze stems.csv --patterns run1.csv run2.csv -o statistics     against a simulation
+  weald analyze summary.csv -o statistics                the self-thinning line")]
 pub struct Analyze {
-    /// A table with columns x and y in metres, or the summary of a simulation.
+    /// Points (columns x and y in metres), the summary of a simulation, or a stand's history
+    /// (columns density and mean_area).
     #[arg(value_name = "TABLE", value_hint = ValueHint::FilePath)]
     pub table: PathBuf,
     /// Only plants of this species.
     #[arg(long, value_name = "NAME")]
     pub species: Option<String>,
     /// Window as west,south,east,north, m [default: the extent of the points].
-    #[arg(
-        long,
-        value_name = "W,S,E,N",
-        value_delimiter = ',',
-        num_args = 4,
-        allow_negative_numbers = true
-    )]
-    pub window: Option<Vec<f64>>,
-    /// Largest distance, m [default: a quarter of the window's shorter side].
-    #[arg(long, value_name = "METRES")]
+    #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, value_parser = numbers::<4>)]
+    pub window: Option<[f64; 4]>,
+    /// Statistics: K, L, G, F, J, pcf [default: K,L,G,pcf].
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub statistics: Vec<String>,
+    /// Largest distance, m [default: a quarter of the window's shorter side, or 1,000 neighbours].
+    #[arg(long, value_name = "METRES", allow_negative_numbers = true)]
     pub radius: Option<f64>,
     /// Number of distances.
     #[arg(long, default_value_t = 128, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(2..=100_000))]
     pub steps: u32,
-    /// Folder for K.csv, G.csv, pcf.csv; without it only a summary is printed.
+    /// A table whose column r holds the distances, in place of --radius and --steps.
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath, conflicts_with_all = ["radius", "steps"])]
+    pub radii: Option<PathBuf>,
+    /// Column of types; adds statistics from each type to each other one.
+    #[arg(long, value_name = "COLUMN")]
+    pub types: Option<String>,
+    /// Column of marks, such as diameters; adds the mark correlation.
+    #[arg(long, value_name = "COLUMN")]
+    pub marks: Option<String>,
+    /// Column or raster of plants per area; adds K relative to it.
+    #[arg(long, value_name = "COLUMN|FILE", value_hint = ValueHint::FilePath)]
+    pub intensity: Option<String>,
+    /// Simulations of randomness for envelopes and verdicts; 199 are good.
+    #[arg(long, value_name = "NUMBER", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=100_000))]
+    pub simulations: u32,
+    /// Tables of points of a null model, in place of points spread at random.
+    #[arg(long, value_name = "FILES", num_args = 1.., value_hint = ValueHint::FilePath)]
+    pub patterns: Vec<PathBuf>,
+    /// Densities between which a thinning line is fitted [default: where cover is level].
+    #[arg(long, value_name = "LOW,HIGH", value_parser = numbers::<2>)]
+    pub densities: Option<[f64; 2]>,
+    /// Folder for tables and figures; without it only a summary is printed.
     #[arg(long, short, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
     pub output: Option<PathBuf>,
+}
+
+/// So many numbers with commas between them.
+fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
+    let number = |part: &str| part.trim().parse::<f64>().ok().filter(|number| number.is_finite());
+    let found: Option<Vec<f64>> = text.split(',').map(number).collect();
+    let found: Option<[f64; N]> = found.and_then(|numbers| numbers.try_into().ok());
+    found.ok_or_else(|| format!("{N} numbers with commas between them are right"))
 }
 
 /// `weald export`.

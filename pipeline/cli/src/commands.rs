@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime};
 use weald_run::make::{EcosimPaths, Made, RenderPaths};
 use weald_run::{
     Changes, Error, Plan, Result, Scene, alone, analysis, bench, canvas, check, compare, execute,
-    export, info, preview, template,
+    export, info, preview, sweep, template, vectors,
 };
 
 /// Exit code of a comparison that found a difference.
@@ -33,6 +33,10 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             alone::terrain(&scene, &terrain.output, shown)
         }),
         Command::Ecosim(ecosim) => one_stage(global, |shown| grow(ecosim, global, shown)),
+        Command::Quantize(arguments) if arguments.table.is_some() => {
+            quantize_table(arguments, global)
+        }
+        Command::Quantize(arguments) if !arguments.sweep.is_empty() => sweep(arguments, global),
         Command::Quantize(quantize) => {
             one_stage(global, |shown| quantize_alone(quantize, global, shown))
         }
@@ -224,13 +228,48 @@ fn quantize_alone(arguments: &args::Quantize, global: &Global, shown: &Shown) ->
     let mut set = arguments.set.clone();
     set.extend(arguments.representatives.map(|number| format!("representatives={number}")));
     set.extend(arguments.budget.map(|number| format!("budget={number}")));
+    set.extend(arguments.mode.map(|mode| format!("mode={}", mode.word())));
+    // The parser asks for both when there is no table.
+    let population = arguments.population.as_deref().unwrap_or(Path::new(""));
+    let output = arguments.output.as_deref().unwrap_or(Path::new(""));
     let Some(path) = &arguments.scene else {
         let fields = alone::Fields { set, seed: global.seed.unwrap_or(0) };
-        return alone::quantize(&arguments.population, &arguments.output, &fields, shown);
+        return alone::quantize(population, output, &fields, shown);
     };
     let set = set.into_iter().map(|field| format!("quantize.{field}")).collect();
     let scene = Scene::load(path, &Changes { set, seed: global.seed })?;
-    alone::quantize_in_scene(&scene, &arguments.population, &arguments.output, shown)
+    alone::quantize_in_scene(&scene, population, output, shown)
+}
+
+fn sweep(arguments: &args::Quantize, global: &Global) -> Result<ExitCode> {
+    listen_for_ctrl_c();
+    let mut set = arguments.set.clone();
+    set.extend(arguments.mode.map(|mode| format!("mode={}", mode.word())));
+    let fields = alone::Fields { set, seed: global.seed.unwrap_or(0) };
+    // The parser asks for both when there is no table.
+    let population = arguments.population.as_deref().unwrap_or(Path::new(""));
+    let output = arguments.output.as_deref().unwrap_or(Path::new(""));
+    let shown = Shown::new(global);
+    let found = sweep::sweep(population, &arguments.sweep, output, &fields, &shown)?;
+    drop(shown);
+    tell(&found, &found.to_string(), global);
+    Ok(ExitCode::SUCCESS)
+}
+
+/// Clusters a table of numbers takes unless it is told: those of a species.
+const CLUSTERS: u32 = 8;
+
+fn quantize_table(arguments: &args::Quantize, global: &Global) -> Result<ExitCode> {
+    let found = vectors::quantize_table(&vectors::Request {
+        table: arguments.table.clone().unwrap_or_default(),
+        columns: arguments.columns.clone(),
+        weight: arguments.weight.clone(),
+        clusters: arguments.representatives.unwrap_or(CLUSTERS) as usize,
+        mode: arguments.mode.unwrap_or(vectors::Mode::Fast),
+        output: arguments.output.clone(),
+    })?;
+    tell(&found, &found.to_string(), global);
+    Ok(ExitCode::SUCCESS)
 }
 
 fn plants_alone(arguments: &args::Plants, global: &Global, shown: &Shown) -> Result<Made> {
@@ -310,12 +349,24 @@ fn statistics(arguments: &args::Analyze, global: &Global) -> Result<ExitCode> {
     let request = analysis::Request {
         table: arguments.table.clone(),
         species: arguments.species.clone(),
-        window: arguments.window.as_ref().and_then(|sides| sides.as_slice().try_into().ok()),
+        window: arguments.window,
+        statistics: arguments.statistics.clone(),
         radius: arguments.radius,
         steps: arguments.steps as usize,
+        radii: arguments.radii.clone(),
+        types: arguments.types.clone(),
+        marks: arguments.marks.clone(),
+        intensity: arguments.intensity.clone(),
+        simulations: arguments.simulations as usize,
+        patterns: arguments.patterns.clone(),
+        seed: global.seed.unwrap_or(0),
+        densities: arguments.densities,
         output: arguments.output.clone(),
     };
-    let found = analysis::analyze(&request)?;
+    listen_for_ctrl_c();
+    let shown = Shown::new(global);
+    let found = analysis::analyze(&request, &shown)?;
+    drop(shown);
     tell(&found, &found.to_string(), global);
     Ok(ExitCode::SUCCESS)
 }

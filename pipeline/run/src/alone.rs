@@ -230,7 +230,7 @@ fn species_given(given: &str) -> Result<(Sources, String, SceneSpecies)> {
 }
 
 /// Reads a stage's table that consists of flags only.
-fn config_of<T: FromToml>(fields: &Fields, sources: &mut Sources) -> Result<T> {
+pub(crate) fn config_of<T: FromToml>(fields: &Fields, sources: &mut Sources) -> Result<T> {
     let mut tree = Value { span: Span::default(), kind: Kind::Table(Table::default()) };
     let mut problems = Vec::new();
     for field in &fields.set {
@@ -242,7 +242,7 @@ fn config_of<T: FromToml>(fields: &Fields, sources: &mut Sources) -> Result<T> {
     }
 }
 
-fn story(stage: Stage, parameters: serde_json::Value, seed: u64) -> Provenance {
+pub(crate) fn story(stage: Stage, parameters: serde_json::Value, seed: u64) -> Provenance {
     Provenance {
         stage: stage.word().into(),
         version: env!("CARGO_PKG_VERSION").into(),
@@ -253,6 +253,6 @@ fn story(stage: Stage, parameters: serde_json::Value, seed: u64) -> Provenance {
     }
 }
 
-fn folder_of(path: &Path) -> &Path {
+pub(crate) fn folder_of(path: &Path) -> &Path {
     path.parent().unwrap_or(Path::new(""))
 }

@@ -4,10 +4,11 @@
 //! that its output depends on ([`recipe`], [`parameters`]); a plan compares recipes with the
 //! records of earlier runs ([`plan`], [`record`]), and [`execute`] makes what is stale. Around
 //! that stand the commands that look at files: [`info`], [`compare`], [`preview`], [`check`],
-//! [`canvas`], [`export`], [`analysis`], [`bench`].
+//! [`canvas`], [`export`], [`analysis`], [`vectors`], [`sweep`], [`bench`].
 
 pub mod alone;
 pub mod analysis;
+pub mod appearance;
 pub mod bench;
 pub mod canvas;
 pub mod check;
@@ -27,7 +28,9 @@ pub mod prototypes;
 pub mod recipe;
 pub mod record;
 pub mod scene;
+pub mod sweep;
 pub mod template;
+pub mod vectors;
 
 pub use error::{Error, Result};
 pub use execute::{Done, Layout, Listener, execute};

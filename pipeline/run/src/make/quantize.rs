@@ -8,8 +8,9 @@ use crate::scene::Scene;
 use serde_json::{Value as Json, json};
 use std::collections::BTreeMap;
 use std::path::Path;
-use weald_contract::{Progress, Seed, Sources};
+use weald_contract::{Population, Progress, Seed, Sources};
 use weald_formats::Provenance;
+use weald_quantize::Quantized;
 
 /// Quantize: plants to a palette and instances, both in `folder`.
 ///
@@ -42,6 +43,15 @@ pub struct Quantizing<'a> {
 }
 
 impl Quantizing<'_> {
+    /// Quantizes a population that is in memory.
+    ///
+    /// # Errors
+    /// The stage refuses, or was asked to stop.
+    pub fn values(&self, population: &Population, progress: &dyn Progress) -> Result<Quantized> {
+        weald_quantize::quantize(self.config, population, self.species, self.seed, progress)
+            .map_err(stage_error!(self.sources, Stage::Quantize, weald_quantize))
+    }
+
     /// Writes `palette.toml`, `instances.parquet` and `quantize.json` into `folder`.
     ///
     /// # Errors
@@ -55,9 +65,7 @@ impl Quantizing<'_> {
     ) -> Result<Made> {
         provenance.inputs.push(parent(population)?);
         let population = weald_formats::read_population(population)?;
-        let quantized =
-            weald_quantize::quantize(self.config, &population, self.species, self.seed, progress)
-                .map_err(stage_error!(self.sources, Stage::Quantize, weald_quantize))?;
+        let quantized = self.values(&population, progress)?;
         make_folder(folder)?;
         let report = json!(quantized.report);
         let words = quantized.report.to_string();
@@ -75,7 +83,7 @@ impl Quantizing<'_> {
     }
 }
 
-fn quantize_report(quantized: &weald_quantize::Quantized) -> Json {
+fn quantize_report(quantized: &Quantized) -> Json {
     json!({
         "representatives": quantized.palette.representatives.len(),
         "groups": quantized.palette.groups.len(),

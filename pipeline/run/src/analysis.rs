@@ -1,27 +1,56 @@
 //! Point statistics of anyone's table: `weald analyze`.
 
+mod functions;
+mod plot;
+mod points;
+mod thinning;
+
 use crate::error::{Error, Result};
+use points::Points;
 use serde::Serialize;
 use std::fmt;
 use std::path::{Path, PathBuf};
-use weald_analyze::thinning::{StandState, ThinningLine, thinning_line};
-use weald_analyze::{Pattern, Report, Statistic, Window, statistics};
+use weald_analyze::thinning::StandDensity;
+use weald_analyze::{Envelope, Figure, Quadrats, Report, Statistic, Verdict};
+use weald_contract::Progress;
 use weald_formats::{Column, Provenance, Table};
+
+pub use thinning::Thinning;
 
 /// What to compute, of what.
 #[derive(Clone, Debug)]
 pub struct Request {
-    /// A table with columns `x` and `y` in metres, or the summary of a simulation.
+    /// A table with columns `x` and `y` in metres, the summary of a simulation, or a stand's
+    /// history with columns `density` and `mean_area` or `mean_mass`.
     pub table: PathBuf,
     /// Only rows whose `species` is this.
     pub species: Option<String>,
     /// West, south, east and north side, m; without it, the extent of the points.
     pub window: Option<[f64; 4]>,
-    /// Largest distance, m; without it, a quarter of the window's shorter side.
+    /// Statistics by name; without any, K, L, G and pcf.
+    pub statistics: Vec<String>,
+    /// Largest distance, m; without it, a quarter of the window's shorter side or the distance
+    /// within which a random point has 1,000 neighbours, whichever is less.
     pub radius: Option<f64>,
     /// Number of distances.
     pub steps: usize,
-    /// Folder for the tables.
+    /// A table whose column `r` holds the distances.
+    pub radii: Option<PathBuf>,
+    /// Column of types, between which cross statistics are computed.
+    pub types: Option<String>,
+    /// Column of marks, such as diameters.
+    pub marks: Option<String>,
+    /// Plants per unit of area for the inhomogeneous K: a column, or a raster's path.
+    pub intensity: Option<String>,
+    /// Simulations for envelopes; 0 for none.
+    pub simulations: usize,
+    /// Tables of points of a null model, in place of points spread at random.
+    pub patterns: Vec<PathBuf>,
+    /// Seed of the simulations.
+    pub seed: u64,
+    /// Lowest and highest density of a thinning line; without it, the plateau of cover.
+    pub densities: Option<[f64; 2]>,
+    /// Folder for tables and figures.
     pub output: Option<PathBuf>,
 }
 
@@ -30,226 +59,171 @@ pub struct Request {
 #[serde(untagged)]
 pub enum Found {
     /// Of a table of points.
-    Pattern {
-        /// The pattern in a few numbers.
-        report: Report,
-        /// Tables that were written.
-        files: Vec<PathBuf>,
-    },
+    Pattern(Box<OfPattern>),
     /// Of a stand's history: a line for each species.
     Thinning {
         /// Species and its self-thinning line.
         lines: Vec<(String, Thinning)>,
+        /// Tables and figures that were written.
+        files: Vec<PathBuf>,
     },
 }
 
-/// A self-thinning line.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Thinning {
-    /// States of the stand used.
-    pub states: usize,
-    /// Slope of ln(mean size) over ln(density), least squares.
-    pub slope: f64,
-    /// The same by the standardized major axis.
-    pub major_axis_slope: f64,
-    /// Coefficient of determination.
-    pub r_squared: f64,
+/// What was found in a table of points.
+#[derive(Clone, Debug, Serialize)]
+pub struct OfPattern {
+    /// The pattern in a few numbers.
+    pub report: Report,
+    /// Morisita's index and the variance-mean ratio, from ten by ten quadrats.
+    pub quadrats: Quadrats,
+    /// Reineke's density, where a column names diameters and their unit.
+    pub density: Option<StandDensity>,
+    /// Tests against a null model, in words and numbers.
+    pub verdicts: Vec<(String, Verdict)>,
+    /// What the user should know.
+    pub notes: Vec<String>,
+    /// Tables and figures that were written.
+    pub files: Vec<PathBuf>,
 }
+
+/// Quadrats along each side for the indices in the report.
+const QUADRATS: usize = 10;
 
 /// Computes the statistics of a table.
 ///
 /// # Errors
-/// The table is damaged, has too few rows or not the columns, or the disk refuses.
-pub fn analyze(request: &Request) -> Result<Found> {
-    let path = &request.table;
-    let mut table = weald_formats::read_table(path)?;
+/// The table is damaged, has too few rows or not the columns; a value in it makes no sense, named
+/// by row and column; the disk refuses; the caller asked to stop.
+pub fn analyze(request: &Request, progress: &dyn Progress) -> Result<Found> {
+    let statistics = statistics(&request.statistics)?;
+    let mut points = Points::read(&request.table)?;
     if let Some(species) = &request.species {
-        table = rows_of_species(path, table, species)?;
+        points.keep_species(species)?;
     }
-    if table.column("alive").is_some() && table.column("mean_radius").is_some() {
-        return thinning(path, &table);
+    if thinning::is_history(&points.table) {
+        return thinning::analyze(request, &points.table);
     }
-    let points = points(path, &table)?;
-    let window = window(&points, request.window);
-    let pattern = Pattern::new(points, window).map_err(|error| refused(path, error))?;
-    let report =
-        Report::of(&pattern, sizes(&table).as_deref()).map_err(|error| refused(path, error))?;
-    let files = match &request.output {
-        Some(folder) => write_functions(request, &pattern, folder)?,
-        None => Vec::new(),
+    let pattern = points.pattern(request.window)?;
+    let sizes = points.sizes();
+    let refused = |error| points.refused(sizes.as_ref().map(|(column, _)| *column), error);
+    let values = sizes.as_ref().map(|(_, values)| values.as_slice());
+    let mut found = OfPattern {
+        report: Report::of(&pattern, values).map_err(refused)?,
+        quadrats: Quadrats::of(&pattern, QUADRATS, QUADRATS).map_err(refused)?,
+        density: points.stand_density(pattern.window().area())?,
+        verdicts: Vec::new(),
+        notes: points.notes(),
+        files: Vec::new(),
     };
-    Ok(Found::Pattern { report, files })
+    let work = functions::Work { request, points: &points, pattern: &pattern, progress };
+    work.run(&statistics, &mut found)?;
+    Ok(Found::Pattern(Box::new(found)))
 }
 
-fn refused(path: &Path, error: weald_analyze::Error) -> Error {
-    Error::plain(format!("{}: {error}", path.display()), "`weald info` shows what the table holds")
-}
-
-/// The rows of one species.
-fn rows_of_species(path: &Path, table: Table, species: &str) -> Result<Table> {
-    let Some(names) = table.column("species").and_then(Column::texts).map(<[_]>::to_vec) else {
-        let message = format!("{} has no column `species` of texts", path.display());
-        return Err(Error::plain(message, "leave `--species` out to use all rows"));
+/// The statistics of these names; the four that all know, if there are none.
+fn statistics(names: &[String]) -> Result<Vec<Statistic>> {
+    if names.is_empty() {
+        return Ok(vec![Statistic::K, Statistic::L, Statistic::G, Statistic::Pcf]);
+    }
+    let known = Statistic::ALL.map(Statistic::word).join(", ");
+    let named = |name: &String| {
+        Statistic::ALL.into_iter().find(|known| known.word() == name).ok_or_else(|| {
+            Error::plain(format!("no statistic is called `{name}`"), format!("there are: {known}"))
+        })
     };
-    let keep: Vec<bool> = names.iter().map(|name| &**name == species).collect();
-    if !keep.contains(&true) {
-        let mut known: Vec<&str> = names.iter().map(|name| &**name).collect();
-        known.sort_unstable();
-        known.dedup();
-        let message = format!("{} has no plant of species `{species}`", path.display());
-        return Err(Error::plain(message, format!("it has: {}", known.join(", "))));
+    names.iter().map(named).collect()
+}
+
+/// Where tables and figures go, and the story that they carry.
+struct Output<'a> {
+    folder: &'a Path,
+    story: Provenance,
+    files: Vec<PathBuf>,
+}
+
+impl<'a> Output<'a> {
+    fn new(folder: &'a Path, request: &Request) -> Result<Self> {
+        std::fs::create_dir_all(folder).map_err(|error| Error::system(folder, error))?;
+        Ok(Self { folder, story: story(request)?, files: Vec::new() })
     }
-    let columns = table.columns.into_iter().map(|(name, column)| (name, kept(column, &keep)));
-    Ok(Table { columns: columns.collect() })
-}
 
-/// The rows of a column that are kept.
-fn kept(column: Column, keep: &[bool]) -> Column {
-    fn pick<T>(values: Vec<T>, keep: &[bool]) -> Vec<T> {
-        values.into_iter().zip(keep).filter(|(_, keep)| **keep).map(|(value, _)| value).collect()
+    fn table(&mut self, name: &str, table: &weald_analyze::Table) -> Result<()> {
+        let columns = table.columns.iter();
+        let columns =
+            columns.map(|(name, values)| (name.to_string(), Column::Float(values.clone())));
+        let path = self.folder.join(format!("{name}.csv"));
+        weald_formats::write_table(&path, &Table { columns: columns.collect() }, &self.story)?;
+        self.files.push(path);
+        Ok(())
     }
-    match column {
-        Column::Float(values) => Column::Float(pick(values, keep)),
-        Column::Float32(values) => Column::Float32(pick(values, keep)),
-        Column::Integer(values) => Column::Integer(pick(values, keep)),
-        Column::Unsigned(values) => Column::Unsigned(pick(values, keep)),
-        Column::Text(values) => Column::Text(pick(values, keep)),
+
+    /// Writes a figure as SVG and as PNG.
+    fn figure(&mut self, name: &str, figure: &Figure) -> Result<()> {
+        let path = self.folder.join(format!("{name}.svg"));
+        let text = figure.svg();
+        weald_formats::write_atomically(&path, |file| {
+            Ok(std::io::Write::write_all(file, text.as_bytes())?)
+        })?;
+        self.files.push(path);
+        let sketch = plot::draw(figure);
+        let path = self.folder.join(format!("{name}.png"));
+        weald_formats::write_png(&path, sketch.width, sketch.height, &sketch.rgb, &self.story)?;
+        self.files.push(path);
+        Ok(())
     }
-}
 
-fn numbers(path: &Path, table: &Table, name: &str) -> Result<Vec<f64>> {
-    table.column(name).and_then(Column::numbers).ok_or_else(|| {
-        let known: Vec<&str> = table.columns.iter().map(|(name, _)| name.as_str()).collect();
-        let message = format!("{} has no column `{name}` of numbers", path.display());
-        Error::plain(
-            message,
-            format!("columns `x` and `y` in metres are needed; it has: {}", known.join(", ")),
-        )
-    })
-}
-
-fn points(path: &Path, table: &Table) -> Result<Vec<[f64; 2]>> {
-    let (x, y) = (numbers(path, table, "x")?, numbers(path, table, "y")?);
-    Ok(x.into_iter().zip(y).map(|(x, y)| [x, y]).collect())
-}
-
-/// Sizes for the size distribution: the crown radius, or what stands for it.
-fn sizes(table: &Table) -> Option<Vec<f64>> {
-    ["radius", "height", "dbh"].iter().find_map(|name| table.column(name)?.numbers())
-}
-
-/// The window asked for, or the extent of the points.
-fn window(points: &[[f64; 2]], sides: Option<[f64; 4]>) -> Window {
-    if let Some([west, south, east, north]) = sides {
-        return Window { x: [west, east], y: [south, north] };
+    fn envelope(&mut self, name: &str, envelope: &Envelope) -> Result<()> {
+        let name = format!("{name}.envelope");
+        self.table(&name, &envelope.table())?;
+        self.figure(&name, &Figure::of_envelope(envelope))
     }
-    let range = |axis: usize| {
-        points
-            .iter()
-            .map(|point| point[axis])
-            .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], v| [low.min(v), high.max(v)])
-    };
-    Window { x: range(0), y: range(1) }
-}
-
-/// Writes `K.csv`, `L.csv`, `G.csv` and `pcf.csv`.
-fn write_functions(request: &Request, pattern: &Pattern, folder: &Path) -> Result<Vec<PathBuf>> {
-    std::fs::create_dir_all(folder).map_err(|error| Error::system(folder, error))?;
-    let side = pattern.window().width().min(pattern.window().height());
-    let radius = request.radius.unwrap_or(side / 4.0);
-    let last = request.steps.max(2) - 1;
-    let radii: Vec<f64> = (0..=last).map(|step| radius * step as f64 / last as f64).collect();
-    let wanted = [Statistic::K, Statistic::L, Statistic::G, Statistic::Pcf];
-    let tables =
-        statistics(pattern, &wanted, &radii).map_err(|error| refused(&request.table, error))?;
-    let story = story(request)?;
-    let mut files = Vec::new();
-    for table in tables {
-        let path = folder.join(format!("{}.csv", table.name));
-        let columns = table.columns.into_iter();
-        let columns = columns.map(|(name, values)| (name.to_string(), Column::Float(values)));
-        weald_formats::write_table(&path, &Table { columns: columns.collect() }, &story)?;
-        files.push(path);
-    }
-    Ok(files)
 }
 
 fn story(request: &Request) -> Result<Provenance> {
-    let path = &request.table;
+    let mut inputs = vec![crate::make::parent(&request.table)?];
+    for path in request.radii.iter().chain(&request.patterns) {
+        inputs.push(crate::make::parent(path)?);
+    }
     Ok(Provenance {
         stage: "analyze".into(),
         version: env!("CARGO_PKG_VERSION").into(),
-        output_version: 1,
+        output_version: 2,
         parameters: serde_json::json!({
             "species": request.species, "window": request.window,
-            "radius": request.radius, "steps": request.steps,
+            "statistics": request.statistics, "radius": request.radius, "steps": request.steps,
+            "types": request.types, "marks": request.marks, "intensity": request.intensity,
+            "simulations": request.simulations, "densities": request.densities,
         }),
-        seed: 0,
-        inputs: vec![crate::make::parent(path)?],
+        seed: request.seed,
+        inputs,
     })
-}
-
-/// The self-thinning line of each species in a simulation's summary.
-///
-/// Mean size is the square of the mean crown radius, to which the space of a plant is
-/// proportional; a density is alive plants, whose unit does not change a slope. States in which a
-/// species still gains plants are no thinning and are left out.
-fn thinning(path: &Path, table: &Table) -> Result<Found> {
-    let names = table.column("species").and_then(Column::texts).unwrap_or(&[]);
-    let (alive, radius) = (numbers(path, table, "alive")?, numbers(path, table, "mean_radius")?);
-    let mut species: Vec<&str> = names.iter().map(|name| &**name).collect();
-    species.sort_unstable();
-    species.dedup();
-    let mut lines = Vec::new();
-    for name in species {
-        let rows =
-            (0..alive.len()).filter(|row| names.get(*row).is_some_and(|found| &**found == name));
-        let history: Vec<StandState> = rows
-            .map(|row| StandState { density: alive[row], mean_size: radius[row].powi(2) })
-            .collect();
-        let thins =
-            |pair: &[StandState]| pair[1].density < pair[0].density && pair[1].density > 0.0;
-        let states: Vec<StandState> =
-            history.windows(2).filter(|pair| thins(pair)).map(|pair| pair[1]).collect();
-        if let Ok(line) = thinning_line(&states, [0.0, f64::MAX]) {
-            lines.push((name.to_string(), in_short(&line)));
-        }
-    }
-    if lines.is_empty() {
-        let message =
-            format!("{}: no species loses plants over at least three years", path.display());
-        return Err(Error::plain(message, "a self-thinning line needs a stand that thins"));
-    }
-    Ok(Found::Thinning { lines })
-}
-
-fn in_short(line: &ThinningLine) -> Thinning {
-    Thinning {
-        states: line.states,
-        slope: line.least_squares.slope,
-        major_axis_slope: line.major_axis.slope,
-        r_squared: line.r_squared,
-    }
 }
 
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Found::Pattern { report, files } => {
-                writeln!(f, "{report}")?;
+            Found::Pattern(found) => found.fmt(f),
+            Found::Thinning { lines, files } => {
+                thinning::write_lines(f, lines)?;
                 files.iter().try_for_each(|file| writeln!(f, "wrote {}", file.display()))
             }
-            Found::Thinning { lines } => {
-                writeln!(
-                    f,
-                    "{:<16} {:>7} {:>9} {:>11} {:>6}",
-                    "species", "states", "slope", "major axis", "r2"
-                )?;
-                lines.iter().try_for_each(|(name, line)| {
-                    let Thinning { states, slope, major_axis_slope, r_squared } = line;
-                    writeln!(f, "{name:<16} {states:>7} {slope:>9.3} {major_axis_slope:>11.3} {r_squared:>6.3}")
-                })
-            }
         }
+    }
+}
+
+impl fmt::Display for OfPattern {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{}", self.report)?;
+        writeln!(f, "Morisita (10 x 10)    {:.4}", self.quadrats.morisita)?;
+        writeln!(f, "variance / mean       {:.4}", self.quadrats.variance_mean_ratio)?;
+        if let Some(density) = &self.density {
+            writeln!(f, "stems per hectare     {:.1}", density.stems_per_hectare)?;
+            writeln!(f, "quadratic mean dbh    {:.2} cm", density.quadratic_mean_cm)?;
+            writeln!(f, "basal area            {:.2} m2/ha", density.basal_area)?;
+            writeln!(f, "Reineke SDI           {:.1}", density.index)?;
+        }
+        self.verdicts.iter().try_for_each(|(words, _)| writeln!(f, "{words}"))?;
+        self.notes.iter().try_for_each(|note| writeln!(f, "note: {note}"))?;
+        self.files.iter().try_for_each(|file| writeln!(f, "wrote {}", file.display()))
     }
 }

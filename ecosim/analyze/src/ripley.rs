@@ -447,12 +447,17 @@ impl Around<'_> {
     ) -> Result<Vec<f64>, Error> {
         check_radii(radii)?;
         let reach = reach_of(radii) + half_width;
+        let directions = if self.is_itself { 2.0 } else { 1.0 };
         let chunk = |centers: std::ops::Range<usize>| {
             let mut sums = vec![0.0; radii.len()];
             for index in centers {
-                self.visit(index, reach, |_, squared, apart| {
+                self.visit(index, reach, |other, squared, apart| {
+                    // Both directions of a pair weigh alike: each is met once and counted twice.
+                    if self.is_itself && other < index {
+                        return;
+                    }
                     let distance = squared.sqrt();
-                    let weight = translation(self.window, apart);
+                    let weight = directions * translation(self.window, apart);
                     let weight = match divisor {
                         Divisor::Radius => weight,
                         Divisor::Distance if distance > 0.0 => weight / distance,

@@ -39,7 +39,7 @@ pub fn render_config(scene: &Scene, is_draft: bool) -> weald_render::Config {
 /// nothing stale but the picture.
 pub fn places_named(scene: &Scene, table: &impl Serialize) -> Vec<View> {
     let mut names = Vec::new();
-    collect_view_names(&canonical(table), &mut names);
+    collect_names(&canonical(table), "view", &mut names);
     let named = scene.tables.view.iter().filter(|view| names.contains(&view.name));
     let place = |view: &View| View {
         name: view.name.clone(),
@@ -53,6 +53,14 @@ pub fn places_named(scene: &Scene, table: &impl Serialize) -> Vec<View> {
     named.map(place).collect()
 }
 
+/// The views that a stage's table names under a key `visible_from`, whole: what they see matters.
+pub fn views_seen_from(scene: &Scene, table: &impl Serialize) -> Vec<View> {
+    let mut names = Vec::new();
+    collect_names(&canonical(table), "visible_from", &mut names);
+    let views = scene.tables.view.iter();
+    views.filter(|view| names.contains(&view.name)).cloned().collect()
+}
+
 /// A value as canonical JSON: single precision numbers with the decimals that people wrote,
 /// where the direct way would widen 0.3 to 0.30000001192092896.
 pub fn canonical(value: &impl Serialize) -> Json {
@@ -60,17 +68,18 @@ pub fn canonical(value: &impl Serialize) -> Json {
     serde_json::from_str(&text).expect("what was just written is JSON")
 }
 
-fn collect_view_names(parameters: &Json, names: &mut Vec<String>) {
+/// Gathers the texts that stand under a key anywhere in a table.
+fn collect_names(parameters: &Json, wanted: &str, names: &mut Vec<String>) {
     match parameters {
         Json::Object(map) => {
             for (key, value) in map {
                 match value {
-                    Json::String(name) if key == "view" => names.push(name.clone()),
-                    _ => collect_view_names(value, names),
+                    Json::String(name) if key == wanted => names.push(name.clone()),
+                    _ => collect_names(value, wanted, names),
                 }
             }
         }
-        Json::Array(items) => items.iter().for_each(|item| collect_view_names(item, names)),
+        Json::Array(items) => items.iter().for_each(|item| collect_names(item, wanted, names)),
         _ => {}
     }
 }
@@ -121,6 +130,10 @@ pub fn parameters(scene: &Scene, stage: Stage, is_draft: bool) -> Json {
                 (name, canonical(&read))
             });
             parameters["species"] = species.collect::<Map<_, _>>().into();
+            let views = views_seen_from(scene, &scene.ecosim);
+            if !views.is_empty() {
+                parameters["views"] = canonical(&views);
+            }
             parameters
         }
         Stage::Quantize => {

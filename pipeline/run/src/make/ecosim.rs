@@ -2,7 +2,7 @@
 
 use super::{Made, at_field, images, make_folder_of, parent, stage_error, stage_seed};
 use crate::error::{Error, Result};
-use crate::parameters::{ecosim_species, places_named};
+use crate::parameters::{ecosim_species, views_seen_from};
 use crate::preview;
 use crate::recipe::Stage;
 use crate::scene::{Scene, SceneInput};
@@ -47,7 +47,7 @@ pub fn ecosim(
             species: &ecosim_species(scene),
             images: &images(scene, &scene.ecosim_inputs)?,
             plants: &plants_of_tables(scene)?,
-            views: &places_named(scene, &scene.ecosim),
+            views: &views_seen_from(scene, &scene.ecosim),
         },
         start.as_ref(),
         stage_seed(scene, stage),
@@ -57,6 +57,7 @@ pub fn ecosim(
 
     let mut made = Made { report: population_report(&outcome.population), ..Made::default() };
     made.report["deaths"] = json!(outcome.deaths.len());
+    report_planting(&mut made.report, &outcome);
     make_folder_of(&paths.population)?;
     weald_formats::write_population(&paths.population, &outcome.population, &provenance)?;
     made.wrote(&paths.population)?;
@@ -103,6 +104,17 @@ fn population_report(population: &Population) -> Json {
     let counts =
         population.species.iter().cloned().zip(population.counts().into_iter().map(Json::from));
     json!({ "plants": population.len(), "species": counts.collect::<serde_json::Map<_, _>>() })
+}
+
+/// Adds what spacing left no room for, and how well sample plots predict each other.
+fn report_planting(report: &mut Json, outcome: &weald_ecosim::Outcome) {
+    let name = |species: u16| &outcome.population.species[usize::from(species)];
+    for row in &outcome.unplaced {
+        report[format!("{}_without_room", name(row.species))] = json!(row.unplaced);
+    }
+    for fit in &outcome.plot_fits {
+        report[format!("{}_plot_error_per_m2", name(fit.species))] = json!(fit.error);
+    }
 }
 
 /// Names of species by their index in a population, as a column.

@@ -25,7 +25,6 @@ pub struct Editor {
     /// The ground before the first operator, with the state it was made for.
     ground: Option<(Config, Ground)>,
     cache: Cache,
-    limit: usize,
 }
 
 impl Editor {
@@ -45,7 +44,7 @@ impl Editor {
         check(&config, &views)?;
         let history = vec![config];
         let (current, ground) = (0, None);
-        Ok(Self { elevation, images, views, seed, history, current, ground, cache, limit })
+        Ok(Self { elevation, images, views, seed, history, current, ground, cache })
     }
 
     /// The state that counts.
@@ -82,7 +81,7 @@ impl Editor {
     /// Replaces the images that masks and layers read: they were painted on.
     pub fn set_images(&mut self, images: BTreeMap<String, Image>) {
         self.images = images;
-        self.cache = Cache::new(self.limit);
+        self.cache.clear();
     }
 
     /// Number of operators whose results are kept.
@@ -95,9 +94,9 @@ impl Editor {
     /// # Errors
     /// As [`crate::build`].
     pub fn altitude(&mut self, progress: &dyn Progress) -> Result<Grid, Error> {
-        self.prepare(progress)?;
-        let Some((_, ground)) = &self.ground else { return Err(Error::Cancelled) };
         let config = &self.history[self.current];
+        let ground =
+            prepared(&mut self.ground, &mut self.cache, config, &self.elevation, progress)?;
         let map = Map { frame: ground.frame, images: &self.images };
         let shaped = stack::shape(config, ground, &map, self.seed, &mut self.cache, progress)?;
         Ok(Grid { frame: ground.frame, values: shaped.altitude })
@@ -113,9 +112,9 @@ impl Editor {
         rectangle: [f64; 4],
         progress: &dyn Progress,
     ) -> Result<Option<Grid>, Error> {
-        self.prepare(progress)?;
-        let Some((_, ground)) = &self.ground else { return Err(Error::Cancelled) };
         let config = &self.history[self.current];
+        let ground =
+            prepared(&mut self.ground, &mut self.cache, config, &self.elevation, progress)?;
         let Some(part) = part(&ground.frame, rectangle) else { return Ok(None) };
         let map = Map { frame: ground.frame, images: &self.images };
         let cache = &mut self.cache;
@@ -129,8 +128,9 @@ impl Editor {
     /// # Errors
     /// As [`crate::build`].
     pub fn layers(&mut self, progress: &dyn Progress) -> Result<Layers, Error> {
-        self.prepare(progress)?;
-        let Some((_, ground)) = &self.ground else { return Err(Error::Cancelled) };
+        let config = &self.history[self.current];
+        let ground =
+            prepared(&mut self.ground, &mut self.cache, config, &self.elevation, progress)?;
         let parts = Parts {
             ground,
             crs: &self.elevation.crs,
@@ -138,23 +138,28 @@ impl Editor {
             views: &self.views,
             seed: self.seed,
         };
-        parts.layers(&self.history[self.current], &mut self.cache, progress)
+        parts.layers(config, &mut self.cache, progress)
     }
+}
 
-    /// Brings the elevation model to the state's cells, unless it lies on them already.
-    fn prepare(&mut self, progress: &dyn Progress) -> Result<(), Error> {
-        let config = self.config();
-        let is_ready = self.ground.as_ref().is_some_and(|(made_for, _)| {
-            made_for.cell == config.cell && made_for.crop == config.crop
-        });
-        if !is_ready {
-            let config = config.clone();
-            let ground = import::ground(&config, &self.elevation, progress)?;
-            self.ground = Some((config, ground));
-            self.cache = Cache::new(self.limit);
+/// The ground before the first operator: the one at hand if it lies on the state's cells, else a
+/// new one, for which nothing that is kept holds.
+fn prepared<'a>(
+    at_hand: &'a mut Option<(Config, Ground)>,
+    cache: &mut Cache,
+    config: &Config,
+    elevation: &Raster,
+    progress: &dyn Progress,
+) -> Result<&'a Ground, Error> {
+    let fits = |made_for: &Config| made_for.cell == config.cell && made_for.crop == config.crop;
+    let made = match at_hand.take() {
+        Some((made_for, ground)) if fits(&made_for) => (made_for, ground),
+        _ => {
+            cache.clear();
+            (config.clone(), import::ground(config, elevation, progress)?)
         }
-        Ok(())
-    }
+    };
+    Ok(&at_hand.insert(made).1)
 }
 
 fn check(config: &Config, views: &[View]) -> Result<(), Problem> {

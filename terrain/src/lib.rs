@@ -50,7 +50,7 @@ use std::collections::BTreeMap;
 use weald_contract::{Crs, Image, Layers, Problem, Progress, Raster, Seed, View};
 
 /// Raised whenever the same configuration gives other bytes than before.
-pub const OUTPUT_VERSION: u32 = 1;
+pub const OUTPUT_VERSION: u32 = 2;
 
 /// Why no terrain came out.
 #[derive(Debug, thiserror::Error)]

@@ -189,6 +189,11 @@ impl Cache {
         Self { kept: Vec::new(), limit, last: START, clock: 0 }
     }
 
+    /// Forgets all steps.
+    pub fn clear(&mut self) {
+        self.kept.clear();
+    }
+
     /// Number of steps that are held.
     pub fn len(&self) -> usize {
         self.kept.len()
@@ -283,14 +288,21 @@ impl<'a> Step<'a> {
         altitude: &[f32],
         map: &Map<'_>,
     ) -> Result<(Found, Vec<f32>), Problem> {
-        let found = Found::new(self.op, self.index, seed, lattice, altitude)?;
-        let layer = Layer { op: self.op, found: Arc::new(found) };
+        let found = Arc::new(Found::new(self.op, self.index, seed, lattice, altitude)?);
+        let layer = Layer { op: self.op, found: found.clone() };
         let weights = layer.weights(lattice, altitude, map)?;
         let after = layer.apply(lattice, altitude, &weights);
-        let found = Arc::into_inner(layer.found).ok_or_else(|| Problem::new("a layer was lent"))?;
+        // Finer patches need the change, and masks that see how fine a grid is.
         let is_needed = self.is_for_patches && self.op.common.mask.reads_slope();
-        let change = found.change.filter(|_| self.is_for_patches);
-        Ok((Found { change, weights: is_needed.then_some(weights), ..found }, after))
+        let Found { seed, whole, .. } = *found;
+        let kept = Found {
+            seed,
+            whole,
+            channel: found.channel.clone(),
+            change: found.change.clone().filter(|_| self.is_for_patches),
+            weights: is_needed.then_some(weights),
+        };
+        Ok((kept, after))
     }
 }
 

@@ -85,15 +85,17 @@ pub fn render(
     Ok(made)
 }
 
-/// A scene's statistics as JSON; the count of instanced primitives may pass 64 bits and then
-/// becomes a text.
+/// A scene's statistics as JSON; counts through all levels may pass 64 bits and then become a
+/// text.
 fn statistics(statistics: &weald_render::Statistics) -> Json {
-    let instanced = statistics.instanced_primitives;
+    let count =
+        |number: u128| u64::try_from(number).map_or_else(|_| json!(number.to_string()), Json::from);
     json!({
         "prototypes": statistics.prototypes,
         "instances": statistics.instances,
+        "plants": count(statistics.plants),
         "unique_primitives": statistics.unique_primitives,
-        "instanced_primitives": u64::try_from(instanced).map_or_else(|_| json!(instanced.to_string()), Json::from),
+        "instanced_primitives": count(statistics.instanced_primitives),
         "bytes": statistics.bytes,
     })
 }

@@ -322,7 +322,7 @@ impl Source<'_> {
     }
 
     /// The wetness index over areas that gentle slopes have drawn up from wetter neighbours
-    /// [Boehner06, eq. 2].
+    /// [Boehner06].
     fn wetness_suction(&self) -> Vec<f32> {
         let Lattice { width, height, cell, .. } = self.shaped.lattice;
         let altitude = &self.shaped.altitude;

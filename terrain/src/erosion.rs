@@ -4,7 +4,7 @@
 //! stream power law. It is solved implicitly from the mouth upwards, where each cell needs only the
 //! new height of the next one down, so that any step of time is stable [Braun13]. Water in hollows
 //! leaves over their outlets; beds there wait until the outlet is low enough. **Slopes** creep as
-//! heat spreads [Culling60]. **Falling rock** rests at its angle of repose [Musgrave89, §4].
+//! heat spreads [Culling60]. **Falling rock** rests at its angle of repose [Musgrave89].
 
 use crate::flow::{self, OUT, STEPS};
 use crate::lattice::Lattice;
@@ -214,7 +214,7 @@ mod tests {
 
     #[test]
     fn in_steady_state_slopes_follow_the_stream_power_law() {
-        // S = (U / K)^(1/n) A^(-m/n), along every channel [Braun13, eq. 3].
+        // S = (U / K)^(1/n) A^(-m/n), along every channel [Braun13].
         let (width, height, cell) = (40, 30, 100.0);
         let lattice = Lattice { cell, west: 0, south: 0, width, height };
         let mut stream = weald_contract::Seed(1).stream("ground", 0);

@@ -105,7 +105,7 @@ pub fn gaussian(width: usize, height: usize, cell: f64, values: &[f32], sigma: f
 const MEANS: usize = 4;
 
 /// Half widths, in cells, of means over `2 reach + 1` cells that together have the variance of a
-/// Gaussian as nearly as whole cells can [Kovesi10, §3].
+/// Gaussian as nearly as whole cells can [Kovesi10].
 fn mean_reaches(sigma: f64) -> [usize; MEANS] {
     let n = MEANS as f64;
     let ideal = (12.0 * sigma * sigma / n + 1.0).sqrt();

@@ -110,7 +110,7 @@ impl Season {
             }
             let energy = SOLAR_CONSTANT * distance * minutes;
             let passed = self.passed(toward[2]);
-            // Clear sky: the less of the beam passes, the more of it the sky sends [Liu60, eq. 16].
+            // Clear sky: the less of the beam passes, the more of it the sky sends [Liu60].
             let from_sky = (0.271 - 0.294 * passed).max(0.0);
             course.diffuse += energy * toward[2] * from_sky;
             let level = (toward[0] * toward[0] + toward[1] * toward[1]).sqrt();

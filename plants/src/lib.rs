@@ -6,16 +6,19 @@
 //! its species has fewer branches and leaves, chosen so that a plant holds nearly all parts of
 //! its younger self and small changes of age or vigor make small changes of shape.
 
+pub mod detail;
 pub mod frame;
 pub mod grass;
 pub mod herb;
 pub mod lsystem;
 pub mod material;
+pub mod measure;
 pub mod mesh;
 pub mod organ;
 pub mod posture;
 pub mod presence;
 pub mod reed;
+pub mod season;
 pub mod skeleton;
 pub mod weber_penn;
 

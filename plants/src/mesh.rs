@@ -14,13 +14,18 @@ use weald_contract::{Mesh, Organ, Placement, PlantModel};
 ///
 /// A quarter of a centimetre gives a trunk of 10 cm radius its full twelve sides and leaves
 /// twigs below 5 mm with the fewest; nobody sees the difference from a few metres.
-const SAG: f32 = 0.0025;
+pub const SAG: f32 = 0.0025;
 
 /// Fewest and most sides of a ring.
 const SIDES: (usize, usize) = (3, 12);
 
 /// The model of a grown skeleton.
 pub fn model(name: &str, skeleton: &Skeleton) -> PlantModel {
+    model_within(name, skeleton, SAG)
+}
+
+/// The model of a skeleton whose rings lie at most `sag` metres inside the true circles.
+pub fn model_within(name: &str, skeleton: &Skeleton, sag: f32) -> PlantModel {
     let material_count = skeleton.materials.len();
     let mut wood: Vec<Mesh> =
         (0..material_count as u32).map(|material| Mesh { material, ..Mesh::default() }).collect();
@@ -29,13 +34,22 @@ pub fn model(name: &str, skeleton: &Skeleton) -> PlantModel {
         let Some(mesh) = wood.get_mut(axis.material as usize) else { continue };
         transport(skeleton.nodes_of(axis), axis.normal, &mut path);
         match axis.kind {
-            AxisKind::Stem => sweep_stem(axis, &path, mesh),
+            AxisKind::Stem => sweep_stem(axis, &path, sag, mesh),
             AxisKind::Blade => sweep_blade(&path, mesh),
         }
     }
     wood.retain(|mesh| !mesh.triangles.is_empty());
     let materials = skeleton.materials.clone();
     PlantModel { name: name.into(), materials, wood, organs: organs(skeleton) }
+}
+
+/// Area of a mesh stretched by `scale` along its axes, m².
+pub fn organ_area(mesh: &Mesh, scale: Vec3) -> f32 {
+    let corner = |i: u32| scale * Vec3::from_array(mesh.positions[i as usize]);
+    let of = |t: &[u32; 3]| {
+        0.5 * (corner(t[1]) - corner(t[0])).cross(corner(t[2]) - corner(t[0])).length()
+    };
+    mesh.triangles.iter().map(of).sum()
 }
 
 /// The organs that occur, each with its places in the order of growth.
@@ -89,12 +103,12 @@ fn transport(nodes: &[Node], first_normal: Vec3, path: &mut Vec<Station>) {
 }
 
 /// Number of sides for a ring of this radius: the fewest whose sagitta `r (1 - cos(pi / n))`
-/// stays below a quarter of a centimetre.
-pub fn side_count(radius: f32) -> usize {
-    if radius <= SAG {
+/// stays below `sag`, m.
+pub fn side_count(radius: f32, sag: f32) -> usize {
+    if radius <= sag {
         return SIDES.0;
     }
-    let half_angle = libm::acosf(1.0 - SAG / radius);
+    let half_angle = libm::acosf(1.0 - sag / radius);
     (libm::ceilf(std::f32::consts::PI / half_angle) as usize).clamp(SIDES.0, SIDES.1)
 }
 
@@ -111,9 +125,9 @@ fn circle(sides: usize) -> impl Iterator<Item = (f32, f32, f32)> {
 ///
 /// The first and last vertex of a ring coincide, so that the texture has a seam. The base stays
 /// open: it lies inside the parent or in the ground.
-fn sweep_stem(axis: &Axis, path: &[Station], mesh: &mut Mesh) {
+fn sweep_stem(axis: &Axis, path: &[Station], sag: f32, mesh: &mut Mesh) {
     let thickest = path.iter().map(|station| station.radius).fold(0.0, f32::max);
-    let sides = if axis.lobes.0 > 0 { SIDES.1 } else { side_count(thickest) };
+    let sides = if axis.lobes.0 > 0 { SIDES.1 } else { side_count(thickest, sag) };
     let unit: Vec<(f32, f32, f32)> = circle(sides).collect();
     let first = mesh.positions.len() as u32;
     let around = unit.len() as u32;
@@ -247,7 +261,7 @@ mod tests {
         edges.sort_unstable();
         let unpaired =
             edges.iter().filter(|(a, b)| edges.binary_search(&(*b, *a)).is_err()).count();
-        let base_edges = side_count(0.1);
+        let base_edges = side_count(0.1, SAG);
         assert_eq!(unpaired, base_edges);
         for (triangle, _) in mesh.triangles.iter().zip(0..) {
             let [a, b, c] = triangle.map(|i| Vec3::from_array(mesh.positions[i as usize]));
@@ -277,7 +291,10 @@ mod tests {
 
     #[test]
     fn thick_rings_have_more_sides_up_to_twelve() {
-        assert_eq!([0.001, 0.004, 0.01, 0.03, 0.1, 1.0].map(side_count), [3, 3, 5, 8, 12, 12]);
+        assert_eq!(
+            [0.001, 0.004, 0.01, 0.03, 0.1, 1.0].map(|r| side_count(r, SAG)),
+            [3, 3, 5, 8, 12, 12]
+        );
     }
 
     #[test]

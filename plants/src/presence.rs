@@ -11,11 +11,16 @@ const GOLDEN: f64 = 0.618_033_988_749_894_9;
 ///
 /// 0 means absent. The sum over all slots is near `filled * count`.
 pub fn presence(slot: u32, count: u32, filled: f32) -> f32 {
-    let turn = f64::from(slot) * GOLDEN + 0.5;
-    let threshold = (turn - f64::from(turn as u32)) as f32;
+    let threshold = threshold(slot);
     let count = count as f32;
     // The slope lets one part come in at a time; the added 1/count completes all at `filled` 1.
     ((filled * (1.0 + 1.0 / count) - threshold) * count).clamp(0.0, 1.0)
+}
+
+/// The share of filled slots at which part `slot` comes in, in [0, 1): spread evenly over slots.
+pub fn threshold(slot: u32) -> f32 {
+    let turn = f64::from(slot) * GOLDEN + 0.5;
+    (turn - f64::from(turn as u32)) as f32
 }
 
 /// Part of the slots that a plant fills, from its maturity and vigor.

@@ -181,7 +181,9 @@ impl<'a> Output<'a> {
 
 fn story(request: &Request) -> Result<Provenance> {
     let mut inputs = vec![crate::make::parent(&request.table)?];
-    for path in request.radii.iter().chain(&request.patterns) {
+    // A raster of densities, unless a column is meant.
+    let raster = request.intensity.as_ref().map(PathBuf::from).filter(|path| path.is_file());
+    for path in request.radii.iter().chain(&request.patterns).chain(&raster) {
         inputs.push(crate::make::parent(path)?);
     }
     Ok(Provenance {

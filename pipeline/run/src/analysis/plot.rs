@@ -60,7 +60,9 @@ fn stroke(sketch: &mut Sketch, points: &[[f64; 2]], color: [u8; 3], width: f64, 
     for [from, to] in points.array_windows() {
         let length = (to[0] - from[0]).hypot(to[1] - from[1]);
         if width <= SCALE && !is_dashed {
-            sketch.line(*from, *to, color, 1.0);
+            // Through the middle of pixels: on their edges rounding would choose either side.
+            let [from, to] = [from, to].map(|point| point.map(|value| value.floor() + 0.5));
+            sketch.line(from, to, color, 1.0);
             continue;
         }
         let steps = length.ceil().max(1.0);

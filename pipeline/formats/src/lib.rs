@@ -30,6 +30,7 @@ pub use error::{Error, Result};
 pub use image::{read_image, read_raster};
 pub use instances::{check_instances, read_instances, write_instances};
 pub use palette::{parse_palette, read_palette, write_palette};
+pub use parquet_table::is_panic_contained;
 pub use picture::{read_picture, write_picture};
 pub use plant::{flatten, read_plant, write_plant};
 pub use png::{Preview, read_png, write_gray_png, write_png};

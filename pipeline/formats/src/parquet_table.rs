@@ -14,6 +14,7 @@ use parquet::file::properties::{WriterProperties, WriterVersion};
 use parquet::file::reader::{FileReader, SerializedFileReader};
 use parquet::file::writer::{SerializedFileWriter, SerializedRowGroupWriter};
 use parquet::schema::types::{ColumnDescriptor, ColumnPath, Type as SchemaType};
+use std::cell::Cell;
 use std::collections::HashMap;
 use std::fs::File;
 use std::ops::Range;
@@ -206,13 +207,27 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> parquet::errors::Result<T>) ->
     })
 }
 
+thread_local! {
+    /// Whether this thread is inside [`contained`].
+    static IS_CONTAINED: Cell<bool> = const { Cell::new(false) };
+}
+
+/// Whether a panic on this thread will be caught and told as an error of the file: a program's
+/// panic hook need not speak of it.
+pub fn is_panic_contained() -> bool {
+    IS_CONTAINED.get()
+}
+
 /// Turns panics of the third-party reader into errors.
 ///
 /// Version 60.1 panics on some damaged pages and footers: a dictionary page that is missing, a
 /// byte-stream split of odd length, a negative column size (`tests/hostile.rs` finds them).
 fn contained<T>(path: &Path, read: impl FnOnce() -> Result<T>) -> Result<T> {
+    let outer = IS_CONTAINED.replace(true);
     // What the closure owned is dropped, so no half-changed value is seen afterwards.
-    std::panic::catch_unwind(std::panic::AssertUnwindSafe(read)).unwrap_or_else(|_| {
+    let outcome = std::panic::catch_unwind(std::panic::AssertUnwindSafe(read));
+    IS_CONTAINED.set(outer);
+    outcome.unwrap_or_else(|_| {
         let message = "this is not a readable Parquet file: its parts contradict each other";
         Err(Error::invalid(path, message, "the file is damaged"))
     })
@@ -422,5 +437,23 @@ fn each<T: DataType>(
         for &level in &levels {
             push(if level == full_level { present.next() } else { None });
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_contained_panic_is_known_as_such_and_becomes_an_error() {
+        assert!(!is_panic_contained());
+        let error = contained::<()>(Path::new("x.parquet"), || {
+            assert!(is_panic_contained());
+            // Without the hook: a quiet unwinding.
+            std::panic::resume_unwind(Box::new("damaged page"))
+        })
+        .unwrap_err();
+        assert!(error.to_string().contains("x.parquet"));
+        assert!(!is_panic_contained());
     }
 }

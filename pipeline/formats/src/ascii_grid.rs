@@ -126,14 +126,23 @@ impl Header {
             return Err(Error::invalid(path, format!("the cell size is {cell}"), "it must be > 0"));
         }
         let half = |is_center: bool| if is_center { 0.5 * cell } else { 0.0 };
-        Ok(Frame {
-            width: columns as usize,
-            height: rows as usize,
-            cell,
-            west: need(self.xll, "xllcorner")? - half(self.x_is_center),
-            south: need(self.yll, "yllcorner")? - half(self.y_is_center),
-        })
+        let west = need(self.xll, "xllcorner")? - half(self.x_is_center);
+        let south = need(self.yll, "yllcorner")? - half(self.y_is_center);
+        if are_degrees(cell, west, south) {
+            let message = format!("cells of {cell} at {west}, {south} are degrees");
+            let hint = "metres are read: `gdalwarp -t_srs EPSG:UTM_ZONE -tr 1 1 IN.asc OUT.tif`";
+            return Err(Error::invalid(path, message, hint));
+        }
+        Ok(Frame { width: columns as usize, height: rows as usize, cell, west, south })
     }
+}
+
+/// Whether a place and a cell size can only be longitude and latitude.
+///
+/// The format names no reference system. Ten-millimetre cells occur in laboratories, but those
+/// are measured from an origin, not from a corner that lies whole degrees away from it.
+fn are_degrees(cell: f64, west: f64, south: f64) -> bool {
+    cell < 0.01 && (1.0..=180.0).contains(&west.abs()) && (1.0..=90.0).contains(&south.abs())
 }
 
 #[cfg(test)]
@@ -166,5 +175,20 @@ mod tests {
             let error = parse(&text).unwrap_err().to_string();
             assert!(error.starts_with("dem.asc: "), "{error}");
         }
+    }
+
+    #[test]
+    fn degrees_are_not_taken_for_metres() {
+        let grid = |corner: &str, cell: &str| {
+            format!("ncols 1\nnrows 1\n{corner}\ncellsize {cell}\n1630\n")
+        };
+        let read = |text: String| parse_raster(Path::new("dem.asc"), &text);
+        // Three arc seconds near Boulder.
+        let error = read(grid("xllcorner -105.36\nyllcorner 40.02", "0.000833333333"));
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("dem.asc") && error.contains("degrees"), "{error}");
+        // A sand box of five-millimetre cells.
+        assert!(read(grid("xllcorner 0\nyllcorner 0", "0.005")).is_ok());
+        assert!(read(grid("xllcorner 500000\nyllcorner 40", "0.005")).is_ok());
     }
 }

@@ -277,12 +277,21 @@ pub fn read_field<T: FromToml>(
         return Some(read);
     };
     let range = range.unwrap_or(0.0..=0.0);
-    problems.push(Problem::at(value.span, format!("`{key}` is {outside}")).hint(format!(
+    let message = format!("`{key}` is {}", number_in_words(outside));
+    problems.push(Problem::at(value.span, message).hint(format!(
         "allowed: {} to {}",
         range.start(),
         range.end()
     )));
     None
+}
+
+/// A number as a person would write it: with an exponent where it would have many noughts.
+fn number_in_words(number: f64) -> String {
+    match number.abs() {
+        size if size != 0.0 && !(1e-6..1e12).contains(&size) => format!("{number:e}"),
+        _ => number.to_string(),
+    }
 }
 
 /// A value that remembers where it was written, so that later checks can point at it.
@@ -794,6 +803,15 @@ mod tests {
         assert_eq!(tokens, ["40", "", "7", "wavelenght"]);
         assert!(problems[0].1.contains("allowed: 0 to 10"));
         assert!(problems[3].1.contains("did you mean `wavelength`?"));
+    }
+
+    #[test]
+    fn numbers_far_out_are_told_with_an_exponent() {
+        let (_, problems) = read::<Wave>("wavelength = 3\namplitude = 1e30");
+        assert!(problems[0].1.contains("e30; allowed: 0 to 10"), "{problems:?}");
+        assert_eq!(number_in_words(0.0), "0");
+        assert_eq!(number_in_words(-40.5), "-40.5");
+        assert_eq!(number_in_words(1e-300), "1e-300");
     }
 
     #[test]

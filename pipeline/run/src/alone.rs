@@ -1,6 +1,7 @@
 //! Stages alone on their files, without the layout and the records of a run.
 
 use crate::error::{Error, Result};
+use crate::files;
 use crate::make::{self, Growing, Made, Quantizing, RenderPaths, grow_one};
 use crate::parameters::{canonical, forms};
 use crate::recipe::Stage;
@@ -40,6 +41,7 @@ pub fn render(
     is_draft: bool,
     progress: &dyn Progress,
 ) -> Result<Made> {
+    files::must_end(&paths.image, "exr")?;
     let story = scene_story(scene, Stage::Render, is_draft)?;
     make::render(scene, paths, is_draft, story, progress)
 }
@@ -73,6 +75,7 @@ pub fn quantize(
     let mut sources = Sources::default();
     let config: weald_quantize::Config = config_of(fields, &mut sources)?;
     let plants = weald_formats::read_population(population)?;
+    make::check_plants(population, &plants, true)?;
     let (_, species) = load_species(folder_of(population), plants.species.iter().cloned())?;
     let species: BTreeMap<_, _> =
         species.into_iter().map(|(name, found)| (name, found.species)).collect();
@@ -93,6 +96,7 @@ pub fn quantize_in_scene(
     folder: &Path,
     progress: &dyn Progress,
 ) -> Result<Made> {
+    make::check_plants(population, &weald_formats::read_population(population)?, true)?;
     let story = scene_story(scene, Stage::Quantize, false)?;
     make::quantize(scene, population, folder, story, progress)
 }
@@ -148,6 +152,7 @@ pub struct Wanted {
 /// # Errors
 /// The species is nowhere or has mistakes, cannot be grown, or the disk refuses.
 pub fn plant(species: &str, wanted: Wanted, file: &Path) -> Result<Made> {
+    files::must_end(file, "glb")?;
     let (sources, name, found) = species_given(species)?;
     let Some(form) = &found.form else {
         let members = found.species.group.iter().flat_map(|group| &group.member);
@@ -172,6 +177,7 @@ pub fn plant(species: &str, wanted: Wanted, file: &Path) -> Result<Made> {
     };
     let seed = Seed(wanted.seed).part(Stage::Plants.word(), 0);
     let model = grow_one(&sources, form, size, &plant, seed)?;
+    make::make_folder_of(file)?;
     let parameters = json!({
         "species": { "size": canonical(size), "form": canonical(form) },
         "age": canonical(&wanted.age), "vigor": canonical(&wanted.vigor),

@@ -1,6 +1,7 @@
 //! Something to paint a density on: `weald canvas`.
 
 use crate::error::{Error, Result};
+use crate::files;
 use crate::make;
 use crate::preview::{Sketch, draw_relief, draw_view};
 use crate::recipe::Stage;
@@ -18,6 +19,8 @@ pub struct Canvas {
     pub guide: PathBuf,
     /// Pixels of the density across and down.
     pub size: [usize; 2],
+    /// Whether a density stood there already and was left alone.
+    pub is_kept: bool,
 }
 
 /// Writes an empty density image of the terrain's size, and a map to paint over.
@@ -27,18 +30,20 @@ pub struct Canvas {
 /// # Errors
 /// The terrain is damaged, or the disk refuses.
 pub fn write(scene: &Scene, terrain: &Path, density: &Path) -> Result<Canvas> {
+    files::must_end(density, "png")?;
     let layers = weald_formats::read_terrain(terrain)?;
     let size = [layers.frame.width, layers.frame.height];
     let story = make::provenance(scene, Stage::Terrain, false, Vec::new());
     make::make_folder_of(density)?;
-    if !density.exists() {
+    let is_kept = density.exists();
+    if !is_kept {
         let empty = Sketch::filled(size[0], size[1], [0; 3]);
         weald_formats::write_png(density, size[0], size[1], &empty.rgb, &story)?;
     }
     let guide = guide_path(density);
     let map = guide_map(scene, &layers);
     weald_formats::write_png(&guide, map.width, map.height, &map.rgb, &story)?;
-    Ok(Canvas { density: density.to_path_buf(), guide, size })
+    Ok(Canvas { density: density.to_path_buf(), guide, size, is_kept })
 }
 
 /// `nettle.png` is painted over `nettle.guide.png`.

@@ -3,13 +3,13 @@
 //! Mistakes are found when the scene is read; what is left to say is how much memory and time
 //! the work needs. The figures are estimates from sizes alone, meant to tell seconds from hours.
 
-use crate::error::{Error, Result};
+use crate::error::{Error, Result, none_wrong};
 use crate::parameters::render_config;
-use crate::scene::Scene;
+use crate::scene::{Scene, SceneInput};
 use serde::Serialize;
 use std::fmt;
-use weald_contract::Problem;
 use weald_contract::table::Tagged;
+use weald_contract::{InputKind, Problem, Problems};
 
 /// Memory of a terrain cell while it is made: nine layers, as many temporaries, 4 bytes each.
 const BYTES_A_CELL: u64 = 72;
@@ -57,6 +57,7 @@ pub struct Estimate {
 pub fn estimate(scene: &Scene, is_draft: bool) -> Result<Estimate> {
     let (cells, area) = cells(scene)?;
     let plants = plants_at_most(scene, area);
+    refuse_unreadable(scene)?;
     let models = models_at_most(scene);
     let config = render_config(scene, is_draft);
     let pixels = u64::from(config.resolution[0]) * u64::from(config.resolution[1]);
@@ -80,6 +81,26 @@ pub fn estimate(scene: &Scene, is_draft: bool) -> Result<Estimate> {
     };
     refuse_too_large(scene, ground, &estimate)?;
     Ok(estimate)
+}
+
+/// Every image and model that the scene names is opened once, so that a damaged one is told before
+/// the work of the stages that come before it.
+fn refuse_unreadable(scene: &Scene) -> Result<()> {
+    let inputs = [&scene.terrain_inputs, &scene.ecosim_inputs, &scene.object_inputs];
+    let mut problems = Problems::new();
+    for SceneInput { input, path } in inputs.into_iter().flatten() {
+        let read = match input.kind {
+            InputKind::Image => weald_formats::read_image(path).map(drop),
+            InputKind::Model => weald_formats::read_plant(path).map(drop),
+            // Elevation is read for its size, tables for their species.
+            _ => Ok(()),
+        };
+        if let Err(error) = read {
+            let message = format!("`{}`: {error}", input.field);
+            problems.push(Problem::at(input.path.span, message));
+        }
+    }
+    none_wrong(&scene.sources, problems)
 }
 
 /// Terrain cells, patches included, and the terrain's area in m².

@@ -104,8 +104,28 @@ fn compare_files(a: &Path, b: &Path, prefix: &str, comparison: &mut Comparison) 
         return Ok(());
     }
     let columns = (columns(a, kind_a)?, columns(b, kind_b)?);
+    if let Some(sizes) = other_sizes(&columns.0, &columns.1) {
+        comparison.mismatches.push(format!("{prefix}{sizes}"));
+        return Ok(());
+    }
     compare_columns(prefix, &columns.0, &columns.1, comparison);
     Ok(())
+}
+
+/// The sizes of two pictures or rasters in words, unless they are equal: then no value of one has
+/// a partner in the other, and the sizes say all.
+fn other_sizes(a: &[(String, Column)], b: &[(String, Column)]) -> Option<String> {
+    let size = |columns: &[(String, Column)]| match columns.first() {
+        Some((name, Column::Integer(size))) if name == "size" => Some(size.clone()),
+        _ => None,
+    };
+    match (size(a)?.as_slice(), size(b)?.as_slice()) {
+        (a, b) if a == b => None,
+        ([wide_a, high_a], [wide_b, high_b]) => {
+            Some(format!("sizes: {wide_a} x {high_a} against {wide_b} x {high_b}"))
+        }
+        _ => None,
+    }
 }
 
 /// Named values of any file: channels, layers and columns are all the same to a comparison.

@@ -74,6 +74,13 @@ impl Layout {
 /// # Errors
 /// The first failure; stages that were finished before it stay finished.
 pub fn execute(scene: &Scene, plan: &Plan, listener: &dyn Listener) -> Result<Vec<Done>> {
+    if plan.out.exists() && !plan.out.is_dir() {
+        let message = format!("{} is a file", plan.out.display());
+        return Err(Error::plain(
+            message,
+            "the output of a run is a folder: give another with `-o`",
+        ));
+    }
     std::fs::create_dir_all(&plan.out).map_err(|error| Error::system(&plan.out, error))?;
     let layout = Layout { out: plan.out.clone() };
     let _lock = lock(&layout)?;

@@ -19,8 +19,11 @@ pub struct Options {
 pub fn export(path: &Path, to: &Path, options: Options) -> Result<()> {
     let story = weald_formats::provenance(path).ok().flatten();
     let story = story.unwrap_or_else(|| foreign(path));
-    match files::kind(path)? {
+    let kind = files::kind(path)?;
+    crate::make::make_folder_of(to)?;
+    match kind {
         FileKind::Plant => {
+            files::must_end(to, "glb")?;
             let model = weald_formats::read_plant(path)?;
             let model = if options.flatten { weald_formats::flatten(&model) } else { model };
             weald_formats::write_plant(to, &model, &story)?;

@@ -100,9 +100,13 @@ fn folder_kind(path: &Path) -> Result<FileKind> {
     if !with_ending(path, "glb")?.is_empty() {
         return Ok(FileKind::Plants);
     }
+    if path.join("scene.toml").is_file() {
+        return Ok(FileKind::Scene);
+    }
     Err(Error::plain(
         format!("{} holds no file of ours", path.display()),
-        "give a terrain's folder (with `altitude.tif`), one of plants, or the output of `weald run`",
+        "give a scene's folder, a terrain's (with `altitude.tif`), one of plants, or the output \
+         of `weald run`",
     ))
 }
 
@@ -130,6 +134,20 @@ fn table_kind(path: &Path) -> Result<FileKind> {
         () if has("species") && has("x") && has("y") => FileKind::Population,
         () => FileKind::Table,
     })
+}
+
+/// Refuses to write a file under a name that other programs would take for something else.
+///
+/// # Errors
+/// The name does not end so.
+pub fn must_end(path: &Path, ending: &str) -> Result<()> {
+    match path.extension() {
+        Some(found) if found.eq_ignore_ascii_case(ending) => Ok(()),
+        _ => Err(Error::plain(
+            format!("{} does not end in `.{ending}`", path.display()),
+            format!("{} is right", path.with_extension(ending).display()),
+        )),
+    }
 }
 
 /// Files of a folder with this ending, sorted by name.

@@ -37,3 +37,4 @@ pub use execute::{Done, Layout, Listener, execute};
 pub use plan::Plan;
 pub use recipe::Stage;
 pub use scene::{Changes, Scene};
+pub use weald_formats::is_panic_contained;

@@ -24,7 +24,7 @@ use crate::scene::{Scene, SceneInput};
 use serde_json::Value as Json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use weald_contract::{Image, InputKind, Problem, Seed};
+use weald_contract::{Image, InputKind, Population, Problem, Seed};
 use weald_formats::{Parent, Provenance};
 
 /// What a stage left.
@@ -134,6 +134,41 @@ fn at_field<'a>(
         let message = format!("`{}`: {error}", input.field);
         Error::wrong(&scene.sources, Problem::at(input.path.span, message))
     }
+}
+
+/// Complains of the first plant of a table that people wrote which has a number that no plant has,
+/// or, where all are needed, lacks one.
+///
+/// # Errors
+/// The mistake, with file, row and column.
+pub fn check_plants(path: &Path, population: &Population, are_all_needed: bool) -> Result<()> {
+    for (row, plant) in population.plants.iter().enumerate() {
+        // The limits of a palette: what lies beyond could be written there, but not read back.
+        let numbers = [
+            ("age", plant.age, 100_000.0),
+            ("vigor", plant.vigor, 1.0),
+            ("height", plant.height, 1000.0),
+            ("radius", plant.radius, 1000.0),
+        ];
+        let is_wrong = |value: f32, most| match value.is_nan() {
+            true => are_all_needed,
+            false => !(0.0..=most).contains(&value),
+        };
+        if let Some((name, value, most)) = numbers.iter().find(|(_, v, most)| is_wrong(*v, *most)) {
+            let what = match value.abs() {
+                size if size.is_nan() => "is missing".into(),
+                size if size >= 1e9 => format!("is {value:e}"),
+                _ => format!("is {value}"),
+            };
+            let place = format!("{}, row {}, column `{name}`", path.display(), row + 1);
+            let hint = match value.is_nan() {
+                true => "every plant needs age, vigor, height and radius".into(),
+                false => format!("0 to {most} is right"),
+            };
+            return Err(Error::plain(format!("{place}: the value {what}"), hint));
+        }
+    }
+    Ok(())
 }
 
 /// Seed of a stage: its own, so that stages draw from separate streams.

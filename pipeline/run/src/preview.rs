@@ -67,7 +67,9 @@ fn plants_in(folder: &Path) -> Result<Vec<PlantModel>> {
 /// # Errors
 /// See [`of_file`]; or the disk refuses.
 pub fn write(path: &Path, terrain: Option<&Path>, to: &Path) -> Result<()> {
+    files::must_end(to, "png")?;
     let sketch = of_file(path, terrain)?;
+    crate::make::make_folder_of(to)?;
     let story = weald_formats::provenance(path).ok().flatten();
     let story = story.unwrap_or_else(|| crate::export::foreign(path));
     weald_formats::write_png(to, sketch.width, sketch.height, &sketch.rgb, &story)?;

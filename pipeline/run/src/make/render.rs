@@ -12,7 +12,7 @@ use crate::scene::{Scene, SceneInput};
 use serde_json::{Value as Json, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use weald_contract::{Layers, Palette, Progress};
+use weald_contract::{Layers, Palette, Problem, Progress};
 use weald_formats::{Parent, Provenance};
 
 /// What render reads and writes.
@@ -46,8 +46,10 @@ pub fn render(
     let terrain = weald_formats::read_terrain(&paths.terrain)?;
     let palette = weald_formats::read_palette(&paths.palette)?;
     let instances = weald_formats::read_instances(&paths.instances)?;
-    weald_formats::check_instances(&palette, &instances)
-        .map_err(|problem| Error::wrong(&scene.sources, problem))?;
+    weald_formats::check_instances(&palette, &instances).map_err(|problem| {
+        let message = format!("{}: {}", paths.instances.display(), problem.message);
+        Error::wrong(&scene.sources, Problem { message, ..problem })
+    })?;
     provenance.inputs.extend([parent(&paths.terrain)?, parent(&paths.palette)?]);
     // The instances came with the palette: their story is told once.
     provenance.inputs.push(Parent { provenance: None, ..parent(&paths.instances)? });
@@ -124,10 +126,19 @@ pub fn species_names(palette: &Palette) -> Vec<String> {
 /// Opens the models of `[[object]]` and puts them on the ground.
 fn objects(scene: &Scene, terrain: &Layers) -> Result<Vec<weald_render::Object>> {
     let mut objects = Vec::new();
-    for (object, SceneInput { input, path }) in scene.tables.object.iter().zip(&scene.object_inputs)
-    {
+    let pairs = scene.tables.object.iter().zip(&scene.object_inputs);
+    for (index, (object, SceneInput { input, path })) in pairs.enumerate() {
         let model = weald_formats::read_plant(path).map_err(at_field(scene, input))?;
         let (x, y) = (terrain.frame.west + object.at[0], terrain.frame.south + object.at[1]);
+        let frame = &terrain.frame;
+        let [east, north] = [frame.width as f64 * frame.cell, frame.height as f64 * frame.cell];
+        let is_on = (0.0..=east).contains(&object.at[0]) && (0.0..=north).contains(&object.at[1]);
+        if !(is_on || object.altitude) {
+            let message = format!("`object[{index}].at` is {:?}, off the terrain", object.at);
+            let hint = format!("0, 0 to {east}, {north} is right, or `altitude = true`");
+            let problem = Problem::at(input.path.span, message).hint(hint);
+            return Err(Error::wrong(&scene.sources, problem));
+        }
         let ground =
             if object.altitude { 0.0 } else { terrain.sample("altitude", x, y).unwrap_or(0.0) };
         objects.push(weald_render::Object {

@@ -146,7 +146,7 @@ impl Reader {
             edit::set(&mut tree, flag, &mut self.sources, &mut self.problems);
         }
         let tables = self.tables(&tree);
-        self.check_views(&tables);
+        self.check_views(&tables, &tree);
         let terrain_inputs =
             self.open_inputs(tables.terrain.as_ref().map(weald_terrain::Config::inputs));
         let ecosim_inputs =
@@ -221,14 +221,15 @@ impl Reader {
     }
 
     /// Complains of views that have the same name, and of names that no view has.
-    fn check_views(&mut self, tables: &Tables) {
+    fn check_views(&mut self, tables: &Tables, tree: &Value) {
         // With a mistake in a `[[view]]` every other one would look unknown as well.
         let Some(scene) = &tables.scene else { return };
         let names: Vec<&str> = scene.view.iter().map(|view| view.name.as_str()).collect();
         for (i, name) in names.iter().enumerate() {
             if names[..i].contains(name) {
                 let problem = Problem::new(format!("two views are called `{name}`"));
-                self.problems.push(problem.hint("rename one"));
+                let span = name_of_view(tree, i).map(|value| value.span);
+                self.problems.push(Problem { span, ..problem.hint("rename one") });
             }
         }
         let of_terrain = tables.terrain.iter().flat_map(|config| config.check(&scene.view));
@@ -243,6 +244,12 @@ impl Reader {
             let path = self.folder().join(&input.path.value);
             if path.is_file() {
                 opened.push(SceneInput { input, path });
+                continue;
+            }
+            if path.is_dir() {
+                let message = format!("{} is a folder", path.display());
+                let hint = format!("`{}` takes a file", input.field);
+                self.problems.push(Problem::at(input.path.span, message).hint(hint));
                 continue;
             }
             let message = format!("there is no file {}", path.display());
@@ -261,7 +268,11 @@ impl Reader {
             if input.kind != InputKind::Plants {
                 continue;
             }
-            match weald_formats::read_population(path) {
+            let read = weald_formats::read_population(path).map_err(Error::from);
+            let checked = read.and_then(|population| {
+                crate::make::check_plants(path, &population, false).map(|()| population)
+            });
+            match checked {
                 Ok(population) => names.extend(
                     population
                         .species
@@ -306,6 +317,14 @@ impl Reader {
                 None
             }
         }
+    }
+}
+
+/// Where the name of a view stands in the text.
+fn name_of_view(tree: &Value, index: usize) -> Option<&Value> {
+    match &tree.as_table()?.get("view")?.kind {
+        Kind::Array(views) => views.get(index)?.as_table()?.get("name"),
+        _ => None,
     }
 }
 

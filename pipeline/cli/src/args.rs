@@ -347,8 +347,14 @@ pub struct Compare {
     #[arg(value_name = "B", value_hint = ValueHint::AnyPath)]
     pub b: PathBuf,
     /// Largest difference that counts as equal.
-    #[arg(long, default_value_t = 0.0, value_name = "NUMBER")]
+    #[arg(long, default_value_t = 0.0, value_name = "NUMBER", value_parser = tolerance, allow_negative_numbers = true)]
     pub tolerance: f64,
+}
+
+/// A tolerance: with one that is no number, nothing would ever be the same.
+fn tolerance(word: &str) -> Result<f64, String> {
+    let number = word.parse().ok().filter(|number: &f64| *number >= 0.0);
+    number.ok_or_else(|| "a number of at least 0 is right".into())
 }
 
 /// `weald preview`.

@@ -2,10 +2,10 @@
 
 use crate::args::{self, Args, Command, Global, SceneArgs, SchemaOf};
 use crate::progress::{Shown, in_words, is_stopped, listen_for_ctrl_c};
+use crate::say;
 use clap::CommandFactory;
 use serde::Serialize;
 use serde_json::{Value as Json, json};
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant, SystemTime};
@@ -79,7 +79,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
             let mut command = Args::command();
             let mut text = Vec::new();
             clap_complete::generate(completions.shell, &mut command, "weald", &mut text);
-            print(&String::from_utf8_lossy(&text));
+            say::out(&String::from_utf8_lossy(&text));
             Ok(ExitCode::SUCCESS)
         }
         Command::Man(man) => man_pages(man, global),
@@ -88,7 +88,7 @@ pub fn run(args: &Args) -> Result<ExitCode> {
                 SchemaOf::Scene => Scene::json_schema(),
                 SchemaOf::Species => weald_run::scene::species_schema(),
             };
-            print(&format!("{schema:#}\n"));
+            say::out(&format!("{schema:#}\n"));
             Ok(ExitCode::SUCCESS)
         }
     }
@@ -107,18 +107,13 @@ fn load(arguments: &SceneArgs, global: &Global) -> Result<Scene> {
     Scene::load(&arguments.scene, &changes)
 }
 
-/// Prints text on stdout; a reader that went away, as `head` does, is no error of ours.
-fn print(text: &str) {
-    let _ = std::io::stdout().write_all(text.as_bytes());
-}
-
 /// Prints a report: as JSON if asked, else in words unless quiet.
 fn tell(report: &impl Serialize, words: &str, global: &Global) {
     if global.json {
         let text = serde_json::to_string_pretty(report).unwrap_or_default();
-        print(&format!("{text}\n"));
+        say::out(&format!("{text}\n"));
     } else if !global.quiet {
-        print(words);
+        say::out(words);
     }
 }
 
@@ -144,8 +139,10 @@ fn one_stage(global: &Global, make: impl FnOnce(&Shown) -> Result<Made>) -> Resu
     let made = make(&shown)?;
     drop(shown);
     if !global.quiet {
-        eprintln!("{}", in_words(&made.report));
-        eprint!("{}", made.words);
+        say::aside(&format!("{}\n", in_words(&made.report)));
+        if !made.words.is_empty() {
+            say::aside(&format!("{}\n", made.words.trim_end()));
+        }
     }
     tell_files(&made.files, made.report, global);
     Ok(ExitCode::SUCCESS)
@@ -163,7 +160,8 @@ fn run_once(arguments: &args::Run, is_draft: bool, global: &Global) -> Result<Ve
     let out = output_folder(arguments, &scene);
     let plan = Plan::new(&scene, &out, is_draft)?;
     if arguments.dry_run {
-        tell(&json!({ "out": out, "plan": plan.steps }), &plan.to_string(), global);
+        let report = json!({ "out": out.display().to_string(), "plan": plan.steps });
+        tell(&report, &plan.to_string(), global);
         return Ok(scene.files());
     }
     if !plan.is_done() {
@@ -178,7 +176,11 @@ fn run_once(arguments: &args::Run, is_draft: bool, global: &Global) -> Result<Ve
         false => format!("{} in {}\n", image.display(), check::seconds_in_words(seconds)),
     };
     tell(
-        &json!({ "out": out, "image": image, "seconds": seconds, "stages": done }),
+        &json!({
+            // A path need not be Unicode, and JSON must.
+            "out": out.display().to_string(), "image": image.display().to_string(),
+            "seconds": seconds, "stages": done,
+        }),
         &words,
         global,
     );
@@ -310,13 +312,12 @@ fn paint(arguments: &args::Canvas, global: &Global) -> Result<ExitCode> {
             canvas::write_with_new_terrain(&scene, &density, &Shown::new(global))?
         }
     };
-    let words = format!(
-        "wrote {} ({} x {}) and {}\n",
-        made.density.display(),
-        made.size[0],
-        made.size[1],
-        made.guide.display()
-    );
+    let [width, height] = made.size;
+    let (density, guide) = (made.density.display(), made.guide.display());
+    let words = match made.is_kept {
+        true => format!("kept {density} as it is; wrote {guide} ({width} x {height})\n"),
+        false => format!("wrote {density} ({width} x {height}) and {guide}\n"),
+    };
     tell(&made, &words, global);
     Ok(ExitCode::SUCCESS)
 }
@@ -376,7 +377,7 @@ fn man_pages(arguments: &args::Man, global: &Global) -> Result<ExitCode> {
     let mut command = Args::command();
     command.build();
     let Some(folder) = &arguments.output else {
-        print(&String::from_utf8_lossy(&page(command)));
+        say::out(&String::from_utf8_lossy(&page(command)));
         return Ok(ExitCode::SUCCESS);
     };
     std::fs::create_dir_all(folder).map_err(|error| Error::system(folder, error))?;

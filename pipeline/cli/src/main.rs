@@ -6,6 +6,7 @@
 mod args;
 mod commands;
 mod progress;
+mod say;
 mod show;
 
 use clap::Parser;
@@ -16,12 +17,23 @@ use std::process::ExitCode;
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 fn main() -> ExitCode {
+    hush_contained_panics();
     let args = args::Args::parse();
-    match commands::run(&args) {
+    match commands::run(&args).and_then(|code| say::heard().map(|()| code)) {
         Ok(code) => code,
         Err(error) => {
             show::error(&error);
             ExitCode::from(error.exit_code())
         }
     }
+}
+
+/// Keeps panics silent that a reader of files catches and tells as an error of the file.
+fn hush_contained_panics() {
+    let told = std::panic::take_hook();
+    std::panic::set_hook(Box::new(move |panic| {
+        if !weald_run::is_panic_contained() {
+            told(panic);
+        }
+    }));
 }

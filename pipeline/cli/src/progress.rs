@@ -1,6 +1,7 @@
 //! Progress on stderr: bars on a terminal, a line a stage elsewhere.
 
 use crate::args::Global;
+use crate::say;
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::Value as Json;
 use std::io::IsTerminal;
@@ -21,7 +22,7 @@ pub fn listen_for_ctrl_c() {
         if STOP.swap(true, Ordering::Relaxed) {
             std::process::exit(2);
         }
-        eprintln!("stopping; once more to stop at once");
+        say::aside("stopping; once more to stop at once\n");
     };
     // Without a handler Ctrl-C still ends the program, only less politely.
     let _ = ctrlc::set_handler(heard);
@@ -67,7 +68,7 @@ impl Shown {
     fn say(&self, state: &State, line: &str) {
         match &state.bar {
             Some(bar) => bar.println(line),
-            None => eprintln!("{line}"),
+            None => say::aside(&format!("{line}\n")),
         }
     }
 }
@@ -90,7 +91,7 @@ impl Progress for Shown {
             bar.enable_steady_tick(Duration::from_millis(200));
             state.bar = Some(bar);
         } else if self.is_verbose {
-            eprintln!("{word:<10}{what}");
+            say::aside(&format!("{word:<10}{what}\n"));
         }
     }
 
@@ -133,7 +134,7 @@ impl Listener for Shown {
         }
         if !self.is_quiet {
             let time = seconds_in_words(state.began.elapsed().as_secs_f64());
-            eprintln!("{:<10}{time:>8}   {}", stage.word(), in_words(report));
+            say::aside(&format!("{:<10}{time:>8}   {}\n", stage.word(), in_words(report)));
         }
     }
 }

@@ -211,3 +211,173 @@ fn damaged_files_of_ours_are_refused_by_every_command_that_reads_them() {
         refused(&tiny, &format!("{command} {name}"), &[name]);
     }
 }
+
+#[test]
+fn a_formula_without_end_is_told_without_panic() {
+    let tiny = Tiny::new();
+    let deep = format!("{}1{}", "(".repeat(100_000), ")".repeat(100_000));
+    tiny.edit("if(x > 20 and x < 30 and y < 12, 1, 0)", &deep);
+    let told = refused(&tiny, "check scene", &["scene.toml:"]);
+    assert!(told.len() < 1000, "{} bytes", told.len());
+}
+
+#[test]
+fn a_file_is_not_written_under_the_name_of_another_kind() {
+    let tiny = Tiny::new();
+    tiny.write("x.csv", "species,x,y\naspen,1,2\n");
+    refused(&tiny, "render scene --from out -o x.png", &["x.png does not end", "x.exr is right"]);
+    refused(&tiny, "plants aspen -o x.obj", &["x.glb is right"]);
+    refused(&tiny, "canvas scene -o x.tif", &["x.png is right"]);
+    refused(&tiny, "preview x.csv -o x.jpg", &["x.png is right"]);
+}
+
+#[test]
+fn a_population_with_missing_columns_names_row_and_column() {
+    let tiny = Tiny::new();
+    tiny.write("x.csv", "species,x,y,vigor\naspen,1,2,1\n");
+    refused(&tiny, "quantize x.csv -o q", &["x.csv, row 1, column `age`", "is missing"]);
+    tiny.write("x.csv", "species,x,y,age,vigor,height,radius\naspen,1,2,3,1.5,4,1\n");
+    refused(
+        &tiny,
+        "quantize x.csv -o q",
+        &["x.csv, row 1, column `vigor`", "1.5", "0 to 1 is right"],
+    );
+    assert!(!tiny.path("q").exists());
+}
+
+#[test]
+fn a_folder_in_place_of_a_file_and_the_other_way_round_are_named() {
+    let tiny = Tiny::new();
+    tiny.write("taken", "a file");
+    refused(&tiny, "run scene -o taken", &["taken is a file", "-o"]);
+    tiny.edit("\"inputs/ground.asc\"", "\"inputs\"");
+    let line = line_of(&tiny, "\"inputs\"");
+    refused(&tiny, "check scene", &[&line, "is a folder", "terrain.source"]);
+}
+
+#[test]
+fn two_views_of_one_name_are_told_at_the_second() {
+    let tiny = Tiny::new();
+    let scene = tiny.read("scene/scene.toml");
+    let twin = "\n[[view]]\nstand_at = [1, 1]\nlook_at = [9, 9]\nname = \"bank\"\n";
+    tiny.write("scene/scene.toml", &format!("{scene}{twin}"));
+    let line = scene.matches('\n').count() + 5;
+    refused(&tiny, "check scene", &[&format!("scene.toml:{line}:"), "two views are called"]);
+}
+
+#[test]
+fn windows_and_tolerances_that_make_no_sense_are_refused() {
+    let tiny = Tiny::new();
+    tiny.write("x.csv", "x,y\n-1,2\n3,-4\n5,6\n");
+    refused(&tiny, "analyze x.csv --window 0,0,1", &["4 numbers"]);
+    refused(&tiny, "analyze x.csv --window 0,0,nan,1", &["4 numbers"]);
+    refused(&tiny, "compare x.csv x.csv --tolerance nan", &["at least 0"]);
+    refused(&tiny, "compare x.csv x.csv --tolerance -1", &["at least 0"]);
+    let answer = tiny.done("analyze x.csv --window -10,-10,10,10 --json");
+    assert!(answer.out.contains("400"), "{}", answer.out);
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn output_that_nobody_reads_or_that_does_not_fit_causes_no_panic() {
+    let tiny = Tiny::new();
+    let weald = env!("CARGO_BIN_EXE_weald");
+    let shell = |script: &str| {
+        let mut command = std::process::Command::new("sh");
+        command.args(["-c", script]).current_dir(tiny.path(""));
+        let output = command.output().expect("a shell");
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    // A report cut short is an error; a reader that has read enough is none.
+    let (code, told) = shell(&format!("{weald} schema >/dev/full"));
+    assert!(code == Some(2) && told.contains("stdout"), "{code:?} {told}");
+    let (code, told) = shell(&format!("{weald} schema | head -1 >/dev/null"));
+    assert!(code == Some(0) && told.is_empty(), "{code:?} {told}");
+    // What goes wrong on stderr can be told nowhere.
+    assert_eq!(shell(&format!("{weald} run scene -o out 2>/dev/full")).0, Some(0));
+    assert_eq!(shell(&format!("{weald} check nothing 2>/dev/full")).0, Some(2));
+    assert_eq!(shell(&format!("{weald} run scene -o out2 2>&- >&- <&-")).0, Some(0));
+}
+
+#[cfg(unix)]
+#[test]
+fn a_path_that_is_not_unicode_is_a_path() {
+    use std::os::unix::ffi::OsStrExt;
+    let tiny = Tiny::new();
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_weald"));
+    command.args(["run", "scene", "-n", "--json", "-o"]).current_dir(tiny.path(""));
+    command.arg(std::ffi::OsStr::from_bytes(b"gr\xfcn"));
+    let output = command.output().expect("weald starts");
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert!(serde_json::from_slice::<serde_json::Value>(&output.stdout).is_ok());
+}
+
+#[test]
+fn an_object_stands_in_the_picture_and_its_mistakes_are_told() {
+    let tiny = Tiny::new();
+    tiny.done("plants oak --age 8 -o scene/inputs/oak.glb");
+    tiny.done("run scene -o out");
+    let scene = tiny.read("scene/scene.toml");
+    let with = |object: &str| tiny.write("scene/scene.toml", &format!("{scene}\n{object}"));
+    // Right before the eye.
+    let oak = "[[object]]\nmodel = \"inputs/oak.glb\"\nat = [26, 6]\nyaw_deg = 30\nscale = 1.5\n";
+    with(oak);
+    let plan = tiny.done("run scene -o out -n").out;
+    assert_eq!(plan.matches("up to date").count(), 4, "{plan}");
+    tiny.done("run scene -o with");
+    assert_eq!(tiny.weald("compare out/image.png with/image.png").code, 1);
+    with(&oak.replace("[26, 6]", "[2600, 6]"));
+    let line = line_of(&tiny, "\"inputs/oak.glb\"");
+    refused(&tiny, "run scene -o with", &[&line, "object[0].at", "0, 0 to 64, 64"]);
+    with(&oak.replace("oak.glb", "aok.glb"));
+    refused(&tiny, "check scene", &["aok.glb", "did you mean `oak.glb`?"]);
+}
+
+#[test]
+fn ages_beyond_any_plant_are_refused_where_they_stand() {
+    let tiny = Tiny::new();
+    let table = "species,x,y,age,vigor,height,radius\naspen,1,2,1e30,1,4,1\n";
+    tiny.write("scene/inputs/field.csv", table);
+    let words = ["field.csv, row 1, column `age`", "100000"];
+    refused(&tiny, "quantize scene/inputs/field.csv -o q", &words);
+    tiny.edit(
+        "[quantize]",
+        "[[ecosim.step]]\nkind = \"place\"\nplants = \"inputs/field.csv\"\n[quantize]",
+    );
+    let line = line_of(&tiny, "\"inputs/field.csv\"");
+    refused(&tiny, "check scene", &[&line, words[0], words[1]]);
+}
+
+#[test]
+fn pictures_of_other_sizes_are_told_by_their_sizes() {
+    let tiny = Tiny::new();
+    tiny.done("run scene -o a");
+    tiny.done("run scene -o b --set render.resolution=[16,9]");
+    let answer = tiny.weald("compare a/image.exr b/image.exr");
+    assert_eq!(answer.code, 1);
+    assert_eq!(answer.out, "sizes: 32 x 18 against 16 x 9\ndifferent\n");
+    // A folder of a scene is told by its scene.
+    assert!(tiny.done("info scene").out.contains("species planted"));
+    // Folders of output files are made.
+    tiny.done("export a/population.parquet -o new/folder/plants.csv");
+    tiny.done("preview a/image.exr -o new/picture/image.png");
+    // What was painted is kept, and told so.
+    tiny.done("canvas scene -o new/nettle.png");
+    assert!(tiny.done("canvas scene -o new/nettle.png").out.starts_with("kept "));
+}
+
+#[test]
+fn damaged_images_and_models_are_all_told_before_any_work() {
+    let tiny = Tiny::new();
+    tiny.write("scene/inputs/half.png", "no picture");
+    tiny.write("scene/inputs/half.glb", "no model");
+    tiny.edit("inputs/density.asc", "inputs/half.png");
+    let scene = tiny.read("scene/scene.toml");
+    let object = "[[object]]\nmodel = \"inputs/half.glb\"\nat = [1, 1]\n";
+    tiny.write("scene/scene.toml", &format!("{scene}\n{object}"));
+    let lines = [line_of(&tiny, "\"inputs/half.png\""), line_of(&tiny, "\"inputs/half.glb\"")];
+    for command in ["check scene", "run scene -o out"] {
+        refused(&tiny, command, &[&lines[0], &lines[1], "ecosim.step[1].density", "2 problems"]);
+    }
+    assert!(!tiny.path("out/terrain").exists());
+}

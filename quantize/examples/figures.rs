@@ -3,13 +3,15 @@
 //! ```sh
 //! cargo run --release -p weald-quantize --example figures -- 100000 4 64 fast
 //! cargo run --release -p weald-quantize --example figures -- rows.csv 4 64 best
+//! cargo run --release -p weald-quantize --example figures -- chunks:20000000 3 64 fast
 //! ```
 //!
-//! A file holds a header, then rows of as many numbers as are asked for and their weight.
+//! A file holds a header, then rows of as many numbers as are asked for and their weight. Rows in
+//! chunks are made whenever they are asked for, which takes most of the time told.
 
 use std::time::Instant;
-use weald_contract::Seed;
-use weald_quantize::{Mode, Table, cluster};
+use weald_contract::{Problem, Seed, Silent};
+use weald_quantize::{Chunks, Mode, Streaming, Table, TableError, cluster, cluster_chunks};
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let given: Vec<String> = std::env::args().skip(1).collect();
@@ -21,9 +23,12 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "best" => Mode::Best,
         _ => Mode::Fast,
     };
+    if let Some(rows) = word(0, "").strip_prefix("chunks:") {
+        return in_chunks(&Mixture { rows: rows.parse()?, columns }, k, mode);
+    }
     let table = match word(0, "100000") {
         path if path.ends_with(".csv") => read(&std::fs::read_to_string(path)?, columns)?,
-        rows => mixture(rows.parse()?, columns)?,
+        rows => mixture(rows.parse()?, columns, 0)?,
     };
     let (began, cpu_before) = (Instant::now(), cpu_seconds());
     let book = cluster(&table, k, mode);
@@ -37,9 +42,47 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     Ok(())
 }
 
+/// A mixture that is made chunk by chunk.
+struct Mixture {
+    rows: usize,
+    columns: usize,
+}
+
+const CHUNK: usize = 1 << 17;
+
+impl Chunks for Mixture {
+    fn columns(&self) -> usize {
+        self.columns
+    }
+
+    fn len(&self) -> usize {
+        self.rows.div_ceil(CHUNK)
+    }
+
+    fn chunk(&self, number: usize) -> Result<Table, Problem> {
+        let rows = CHUNK.min(self.rows - number * CHUNK);
+        mixture(rows, self.columns, number as u64).map_err(|error| Problem::new(error.to_string()))
+    }
+}
+
+fn in_chunks(rows: &Mixture, k: usize, mode: Mode) -> Result<(), Box<dyn std::error::Error>> {
+    let how = Streaming::new(k, mode);
+    let (began, cpu_before) = (Instant::now(), cpu_seconds());
+    let found = cluster_chunks(rows, &how, &Silent)?;
+    let (seconds, cpu) = (began.elapsed().as_secs_f64(), cpu_seconds() - cpu_before);
+    println!(
+        "{} rows of {} in chunks to {k}: weighted mse {:.6e}, {seconds:.3} s, {cpu:.2} s of processor, at most {} MB",
+        found.rows,
+        found.columns,
+        found.weighted_mse,
+        how.memory(rows.columns, CHUNK, 2) >> 20
+    );
+    Ok(())
+}
+
 /// Ages, vigors and sizes that hang together, with weights of a perspective view: `1/z²`.
-fn mixture(rows: usize, columns: usize) -> Result<Table, Box<dyn std::error::Error>> {
-    let mut random = Seed(1).stream("mixture", columns as u64);
+fn mixture(rows: usize, columns: usize, chunk: u64) -> Result<Table, TableError> {
+    let mut random = Seed(1).stream("mixture", chunk);
     let mut values = Vec::with_capacity(rows * columns);
     let mut weights = Vec::with_capacity(rows);
     for _ in 0..rows {
@@ -54,7 +97,7 @@ fn mixture(rows: usize, columns: usize) -> Result<Table, Box<dyn std::error::Err
         values.extend(all.into_iter().chain(more).take(columns));
         weights.push(random.unit().max(0.03).powi(-2));
     }
-    Ok(Table::new(values, columns, weights)?)
+    Table::new(values, columns, weights)
 }
 
 fn read(text: &str, columns: usize) -> Result<Table, Box<dyn std::error::Error>> {

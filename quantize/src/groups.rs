@@ -6,13 +6,16 @@
 
 use crate::codebook::cluster;
 use crate::features::Traits;
+use crate::neighbours::{Spot, vary};
 use crate::palette::{Place, Standing};
 use crate::table::Table;
 use crate::{Config, Error, Weights};
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use weald_contract::source::nearest;
-use weald_contract::{GroupMember, GroupRecipe, Problem, Problems, Seed, Species, Stream};
+use weald_contract::{
+    GroupMember, GroupRecipe, Population, Problem, Problems, Seed, Species, Stream,
+};
 
 /// Most members of all patches together: about 2 GB of plants and instances.
 const MOST_MEMBERS: f64 = 2e7;
@@ -134,6 +137,7 @@ fn cycle(name: &str, member: &GroupMember) -> Problem {
 /// Builds the patches of all group species; members join `standing`.
 pub(crate) fn fill(
     config: &Config,
+    population: &Population,
     species: &BTreeMap<String, Species>,
     standing: &mut BTreeMap<String, Vec<Standing>>,
     seed: Seed,
@@ -144,7 +148,8 @@ pub(crate) fn fill(
         let group = species.get(name).and_then(|kind| kind.group.as_ref());
         let (Some(recipe), Some(places)) = (group, standing.remove(name)) else { continue };
         let first = patches.patches.len();
-        patches.choose(config, name, recipe, &places, seed)?;
+        let wanted = Wanted { config, population, name, recipe };
+        patches.choose(&wanted, &places, seed)?;
         let new = &patches.patches[first..];
         member_count += new.iter().map(|patch| expected_members(recipe, patch.vigor)).sum::<f64>();
         if member_count > MOST_MEMBERS {
@@ -174,19 +179,50 @@ fn expected(recipe: &GroupRecipe, member: &GroupMember, vigor: f32) -> f64 {
     f64::from(member.per_m2) * f64::from(recipe.side).powi(2) * f64::from(vigor)
 }
 
+/// The patches of one group species.
+struct Wanted<'a> {
+    config: &'a Config,
+    population: &'a Population,
+    name: &'a str,
+    recipe: &'a GroupRecipe,
+}
+
+/// Patches nearer than this many sides are neighbours: the eight around one on a grid.
+const NEIGHBOURS: f64 = 1.5;
+
+impl Wanted<'_> {
+    /// Gives other variants to patches of the scene that would stand beside themselves; those
+    /// inside patches are repeated with them anyway. A choice is a kind and a variant.
+    fn part_neighbours(&self, places: &[Standing], choices: &mut [(usize, u64)]) {
+        let spot = |(at, place): (usize, &Standing)| {
+            let Place::Scene { index, id } = place.place else { return None };
+            let plant = self.population.plants.get(index)?;
+            let (kind, wish) = choices[at];
+            let position = [plant.x, plant.y];
+            Some((at, Spot { id, position, yaw: plant.yaw.into(), kind, wish }))
+        };
+        let (rows, spots): (Vec<usize>, Vec<Spot>) =
+            places.iter().enumerate().filter_map(spot).unzip();
+        let variants = u64::from(self.config.group_variants.max(1));
+        let chosen = vary(&spots, NEIGHBOURS * f64::from(self.recipe.side), variants);
+        for (at, variant) in rows.into_iter().zip(chosen) {
+            choices[at].1 = variant;
+        }
+    }
+}
+
 impl Patches {
     /// Decides which patches exist, and which of them stands at each place.
     ///
     /// Places are quantized by vigor. Each then takes one of the variants of its kind by a
-    /// number that hangs on its plant alone, so that neighbours differ.
+    /// number that hangs on its plant alone, or another where a neighbour has that one.
     fn choose(
         &mut self,
-        config: &Config,
-        name: &str,
-        recipe: &GroupRecipe,
+        wanted: &Wanted<'_>,
         places: &[Standing],
         seed: Seed,
     ) -> Result<(), Error> {
+        let Wanted { config, name, recipe, .. } = *wanted;
         let table = vigor_table(config, recipe, places)?;
         let book = cluster(&table, config.group_representatives as usize, config.mode);
         let mut by_vigor: Vec<usize> = (0..book.len()).collect();
@@ -198,7 +234,8 @@ impl Patches {
         let choice = |(place, label): (&Standing, &u32)| {
             (rank[*label as usize], place.place.stream(seed, name).below(variants))
         };
-        let choices: Vec<_> = places.iter().zip(&book.labels).map(choice).collect();
+        let mut choices: Vec<_> = places.iter().zip(&book.labels).map(choice).collect();
+        wanted.part_neighbours(places, &mut choices);
         let mut numbers: BTreeMap<_, usize> = choices.iter().map(|key| (*key, 0)).collect();
         let mean_ages = mean_ages(&book.labels, book.len(), places);
         for ((rank, _), number) in &mut numbers {

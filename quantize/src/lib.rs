@@ -20,6 +20,7 @@ mod condense;
 mod exact;
 mod features;
 mod groups;
+mod neighbours;
 mod palette;
 mod parts;
 mod refine;
@@ -42,7 +43,7 @@ pub use stream::{Chunks, Streamed, Streaming, cluster_chunks};
 pub use table::{Table, TableError};
 
 /// Number of the algorithm: rises when equal input gives other bytes.
-pub const OUTPUT_VERSION: u32 = 3;
+pub const OUTPUT_VERSION: u32 = 4;
 
 weald_contract::words! {
     /// How much each plant counts when plants are grouped.

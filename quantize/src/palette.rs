@@ -70,7 +70,7 @@ pub(crate) fn build(
         return Err(problem.into());
     }
     let mut standing = standing_in_scene(population, species, config.eye)?;
-    let patches = groups::fill(config, species, &mut standing, seed)?;
+    let patches = groups::fill(config, population, species, &mut standing, seed)?;
     standing.retain(|_, plants| !plants.is_empty());
     progress.begin(
         "quantizing",

@@ -187,10 +187,12 @@ impl<'a> ImageField<'a> {
                 "a density image of another size: {} x {} pixels over {metres_x} x {metres_y} m",
                 image.width, image.height
             );
-            let fitting = (width * metres_y / metres_x).round();
-            return Err(Problem::at(path.span, message)
-                .hint(format!("paint on {width} x {fitting} pixels, or give it a georeference"))
-                .into());
+            let hint = format!(
+                "paint on {} x {} pixels, one a cell, or any size of the same proportions; \
+                 `weald canvas` makes one",
+                terrain.width, terrain.height
+            );
+            return Err(Problem::at(path.span, message).hint(hint).into());
         }
         let (pixel_x, pixel_y) = (metres_x / width, metres_y / height);
         let (west, north) = (terrain.west, terrain.north());
@@ -301,10 +303,10 @@ mod tests {
     }
 
     #[test]
-    fn an_image_of_another_aspect_is_refused_with_the_size_that_fits() {
+    fn an_image_of_another_aspect_is_refused_with_the_size_of_the_terrain() {
         let image = image(4, 4);
         let error = ImageField::new(&path(), &image, false, &FRAME).unwrap_err().to_string();
-        assert!(error.contains("another size") && error.contains("4 x 2 pixels"), "{error}");
+        assert!(error.contains("another size") && error.contains("8 x 4 pixels"), "{error}");
     }
 
     #[test]

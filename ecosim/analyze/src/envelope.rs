@@ -83,6 +83,8 @@ impl fmt::Display for Envelope {
         if self.verdict.is_rejected() {
             let meaning = if is_above { above } else { below };
             write!(f, "{statistic}: {meaning}, most at {radius:.4}")?;
+        } else if self.verdict.level * ((simulations + 1) as f64) < 1.0 {
+            write!(f, "{statistic}: too few simulations for a verdict on {null}")?;
         } else if p_rank <= self.verdict.level {
             // One noisy radius can hide what the others show.
             write!(f, "{statistic}: unlike {null} by its ranks, not by its largest deviation")?;

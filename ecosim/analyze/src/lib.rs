@@ -81,9 +81,13 @@ pub fn statistics(
     wanted: &[Statistic],
     radii: &[f64],
 ) -> Result<Vec<Table>, Error> {
+    // L is K in other words: the pairs are summed once.
+    let of_pairs = wanted.iter().any(|one| matches!(one, Statistic::K | Statistic::L));
+    let k = of_pairs.then(|| ripley::k_table(pattern, radii)).transpose()?;
+    let k_table = || k.clone().map_or_else(|| ripley::k_table(pattern, radii), Ok);
     let table = |statistic: &Statistic| match statistic {
-        Statistic::K => ripley::k_table(pattern, radii),
-        Statistic::L => ripley::l_table(pattern, radii),
+        Statistic::K => k_table(),
+        Statistic::L => k_table().map(ripley::l_of),
         Statistic::G => nearest::g_table(pattern, radii),
         Statistic::F => nearest::f_table(pattern, radii),
         Statistic::J => nearest::j_table(pattern, radii),

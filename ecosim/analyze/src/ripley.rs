@@ -330,12 +330,8 @@ pub(crate) fn k_table(pattern: &Pattern, radii: &[f64]) -> Result<Table, Error> 
     Ok(table_of("K", radii, ks(pattern, radii, &ALL)?))
 }
 
-pub(crate) fn l_table(pattern: &Pattern, radii: &[f64]) -> Result<Table, Error> {
-    Ok(l_of(k_table(pattern, radii)?))
-}
-
 /// The table of L from that of K.
-fn l_of(mut table: Table) -> Table {
+pub(crate) fn l_of(mut table: Table) -> Table {
     table.name = "L";
     let radii = table.columns[0].1.clone();
     for (name, values) in &mut table.columns {

@@ -83,6 +83,10 @@ fn a_verdict_is_the_same_on_one_thread_and_two_and_follows_the_seed() {
     let answer = tiny.done(
         "analyze stems.csv --window 0,0,20,10 --statistics L --patterns stems.csv stems.csv -o of",
     );
+    assert!(answer.out.contains("too few simulations"), "{}", answer.out);
+    let nineteen = " stems.csv".repeat(19);
+    let answer = tiny
+        .done(&format!("analyze stems.csv --window 0,0,20,10 --statistics L --patterns{nineteen}"));
     assert!(answer.out.contains("not told apart from the simulated patterns"), "{}", answer.out);
 }
 
@@ -92,6 +96,7 @@ fn mistakes_in_a_table_are_named_by_row_and_column() {
     tiny.write("stems.csv", &stems());
     tiny.write("hole.csv", "x,y,dbh\n1,2,3\n4,,3\n2,2,x\n");
     tiny.write("words.csv", "x,y\n1,2\n4,oak\n");
+    tiny.write("falling.csv", "r\n0\n1\n0.5\n");
     tiny.write("negative.csv", "x,y,size\n1,2,3\n4,5,-3\n2,2,1\n");
     for (arguments, parts) in [
         ("stems.csv --window 0,0,3,10", vec!["row 3, column `x`, `y`", "outside the window"]),
@@ -102,6 +107,8 @@ fn mistakes_in_a_table_are_named_by_row_and_column() {
         ("stems.csv --types density", vec!["holds fractions", "--marks"]),
         ("stems.csv --statistics K,H", vec!["no statistic is called `H`", "K, L, G, F, J, pcf"]),
         ("stems.csv --radii words.csv", vec!["no column `r`"]),
+        ("stems.csv --radii falling.csv", vec!["falling.csv, row 3, column `r`", "0.5"]),
+        ("stems.csv --radius -1", vec!["-1 m", "positive"]),
     ] {
         let answer = tiny.weald(&format!("analyze {arguments}"));
         assert_eq!(answer.code, 2, "{arguments}: {}", answer.out);

@@ -56,7 +56,15 @@ impl Work<'_> {
     /// The distances: of a file, or even ones from 0.
     fn radii(&self) -> Result<Vec<f64>> {
         if let Some(path) = &self.request.radii {
-            return Points::read(path)?.numbers("r");
+            return Points::read(path)?.radii();
+        }
+        if let Some(radius) =
+            self.request.radius.filter(|radius| !(radius.is_finite() && *radius > 0.0))
+        {
+            return Err(Error::plain(
+                format!("the largest distance is {radius} m"),
+                "a positive length is right",
+            ));
         }
         let window = self.pattern.window();
         let quarter = window.width().min(window.height()) / 4.0;

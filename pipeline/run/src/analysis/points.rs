@@ -90,6 +90,23 @@ impl Points {
         }
     }
 
+    /// The column `r`: distances that rise.
+    pub fn radii(&self) -> Result<Vec<f64>> {
+        let radii = self.numbers("r")?;
+        let falls = radii.array_windows().position(|[before, after]| after <= before);
+        let wrong = match radii.first() {
+            Some(first) if *first < 0.0 => Some(0),
+            _ => falls.map(|row| row + 1),
+        };
+        match wrong {
+            None => Ok(radii),
+            Some(row) => {
+                let message = format!("the distance is {}", radii[row]);
+                Err(self.at(row, "r", message, "distances from 0 on that rise are right"))
+            }
+        }
+    }
+
     fn column(&self, name: &str) -> Result<&Column> {
         self.table.column(name).ok_or_else(|| {
             let known: Vec<&str> =

@@ -25,8 +25,7 @@ pub(crate) fn seen(
     let Some(name) = &halftone.visible_from else { return Ok(None) };
     let Some(view) = site.around.views.iter().find(|view| view.name == name.value) else {
         let problem = Problem::at(name.span, format!("there is no view `{}`", name.value));
-        let known: Vec<&str> = site.around.views.iter().map(|view| view.name.as_str()).collect();
-        return Err(problem.hint(format!("views here: {}", known.join(", "))).into());
+        return Err(problem.hint("it must be the `name` of a `[[view]]` of the scene").into());
     };
     let terrain = site.ground.frame();
     let cell = terrain.cell.max((site.ground.area() / MOST_CELLS).sqrt());

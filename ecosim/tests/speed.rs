@@ -135,3 +135,20 @@ fn halftones_and_grids() {
     let (time, outcome) = seconds(|| world.grow(grid).unwrap());
     println!("grid {}: {time:.2} s", outcome.population.len());
 }
+
+#[test]
+#[ignore = "measures, and prints what it measured"]
+fn many_millions() {
+    // The number of plants in millions may be given, since ten of them take a minute.
+    let millions = std::env::var("WEALD_MILLIONS").ok().and_then(|text| text.parse().ok());
+    let millions: f64 = millions.unwrap_or(2.0);
+    let world = plain(1000, 1.0).with_species("herb", HERB);
+    let steps = format!(
+        "max_plants = 20000000\n[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\n\
+         per_m2 = {millions}\nrelax = 5"
+    );
+    let (time, outcome) = seconds(|| world.grow(&steps).unwrap());
+    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
+    let peak = status.lines().find(|line| line.starts_with("VmHWM")).unwrap_or_default();
+    println!("halftone {}: {time:.1} processor s, {peak}", outcome.population.len());
+}

@@ -1,8 +1,9 @@
 //! Error against size: a population quantized with more and more models, `weald quantize --sweep`.
 //!
 //! For each number of models a species the population is quantized, its models are grown, and a
-//! sample of plants is grown exactly to see what the models cost in looks. A table and, for each
-//! number, a map of plants in the colour of their model and a sheet of the models are written.
+//! sample of plants is grown exactly to see what the models cost in looks. Written are a table and,
+//! for each number, maps of plants in the colour of their model and of their error, and a sheet of
+//! the models.
 
 use crate::alone::{Fields, config_of, folder_of, story};
 use crate::appearance::{Likeness, Shape, likeness};
@@ -75,7 +76,7 @@ pub struct Sweep {
 }
 
 /// Quantizes a population with each number of models a species and writes `sweep.csv`,
-/// `map-N.png` and `models-N.png` into `folder`.
+/// `map-N.png`, `error-N.png` and `models-N.png` into `folder`.
 ///
 /// # Errors
 /// The population is damaged, a species is nowhere or cannot be grown, or the disk refuses.
@@ -102,7 +103,8 @@ pub fn sweep(
         let models = work.models(&quantized)?;
         sweep.rows.push(work.row(*number, &quantized, &models, progress)?);
         for (name, sketch) in [
-            (format!("map-{number}.png"), map(&plants, &quantized)),
+            (format!("map-{number}.png"), map(&plants, &quantized, &|_, model| color(model))),
+            (format!("error-{number}.png"), error_map(&plants, &quantized)),
             (format!("models-{number}.png"), sheet(&quantized, &models)),
         ] {
             let path = folder.join(name);
@@ -283,8 +285,13 @@ fn mean_likeness(all: &[Likeness]) -> Likeness {
 const MAP_SIDE: f64 = 480.0;
 const MAP_MARGIN: f64 = 6.0;
 
-/// Crowns in the colours of their models, small ones above large ones; patches are left out.
-fn map(plants: &Population, quantized: &Quantized) -> Sketch {
+/// Crowns in the colours that `paint` gives a plant by its row and the number of its model, small
+/// ones above large ones; patches are left out.
+fn map(
+    plants: &Population,
+    quantized: &Quantized,
+    paint: &dyn Fn(usize, usize) -> [u8; 3],
+) -> Sketch {
     let count = quantized.palette.representatives.len();
     let model = |row: usize| (quantized.instances.prototype[row] as usize).checked_sub(1);
     let mut rows: Vec<(usize, usize)> = (0..plants.len())
@@ -310,9 +317,23 @@ fn map(plants: &Population, quantized: &Quantized) -> Sketch {
         let x = MAP_MARGIN + (x - west) * pixels_per_metre;
         let y = MAP_MARGIN + (north - y) * pixels_per_metre;
         // Crowns are drawn a little smaller, so that neighbours stay apart.
-        sketch.disc(x, y, 0.8 * f64::from(radius) * pixels_per_metre, color(model), 1.0);
+        sketch.disc(x, y, 0.8 * f64::from(radius) * pixels_per_metre, paint(row, model), 1.0);
     }
     sketch
+}
+
+/// Difference of a plant's height from its model's, as a part of it, that is shown in full red.
+const FULL_ERROR: f64 = 0.4;
+
+/// Crowns from green, where the model is as high as its plant, over yellow to red.
+fn error_map(plants: &Population, quantized: &Quantized) -> Sketch {
+    let models = &quantized.palette.representatives;
+    map(plants, quantized, &|row, model| {
+        let part = f64::from(plants.plants[row].height) / f64::from(models[model].height);
+        let error = ((part - 1.0).abs() / FULL_ERROR).min(1.0);
+        let channel = |share: f64| (60.0 + 160.0 * share.clamp(0.0, 1.0)).round() as u8;
+        [channel(2.0 * error), channel(2.0 - 2.0 * error), 60]
+    })
 }
 
 /// A colour for a number; neighbouring numbers differ.

@@ -110,18 +110,6 @@ pub struct Scene {
     pub object_inputs: Vec<SceneInput>,
 }
 
-/// Layers that the stage terrain writes, by name; formulas may read them.
-pub const TERRAIN_LAYERS: [&str; 8] = [
-    "altitude",
-    "aspect",
-    "filled",
-    "slope",
-    "soil_moisture",
-    "upslope_area",
-    "water_depth",
-    "wetness",
-];
-
 /// What a command changes in a scene before it is read.
 #[derive(Clone, Debug, Default)]
 pub struct Changes {
@@ -181,7 +169,7 @@ impl Scene {
     fn stage_problems(&self, known: &Problems) -> Problems {
         let mut problems = Vec::new();
         if known.is_empty() {
-            problems.extend(self.ecosim.check(&ecosim_species(self), &TERRAIN_LAYERS));
+            problems.extend(self.ecosim.check(&ecosim_species(self), &self.terrain.layer_names()));
             problems.extend(self.quantize.check(&quantize_species(self)));
         }
         for form in self.species.values().filter_map(|found| found.form.as_ref()) {

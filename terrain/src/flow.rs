@@ -46,6 +46,13 @@ pub fn neighbor(cell: usize, direction: u8, width: usize) -> usize {
 /// Fills depressions: the exact minimax surface over eight neighbours with an open rim.
 ///
 /// `altitude` must be finite and hold `width * height` values, fewer than 2³² of them.
+///
+/// ```
+/// // A pit of 1 m in ground of 5 m fills to the notch of 3 m in its rim.
+/// let altitude = [5.0, 3.0, 5.0, 5.0, 1.0, 5.0, 5.0, 5.0, 5.0];
+/// let flood = weald_terrain::flow::fill(3, 3, &altitude);
+/// assert_eq!(flood.level[4], 3.0);
+/// ```
 pub fn fill(width: usize, height: usize, altitude: &[f32]) -> Flood {
     assert_eq!(altitude.len(), width * height, "altitudes fit the grid");
     if altitude.is_empty() {

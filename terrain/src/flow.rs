@@ -4,11 +4,9 @@
 //! off the grid, and does so unless a neighbour lies lower; it takes part in all flow.
 //!
 //! **Filling** raises every cell to the lowest level at which water could leave it, the minimax
-//! over all paths to the rim: a unique surface that any correct method gives bit for bit. Ours is a
-//! priority flood [Barnes14] that, as in [Zhou16], sends rising slopes past the queue: only a cell
-//! with something lower behind it can matter to the order. The queue is of buckets over altitude
-//! with a small heap in the bucket at work, since floods only ever move on to higher water.
+//! over all paths to the rim ([`crate::fill`]); level ground then drains to where it falls.
 
+use crate::fill::key;
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -31,8 +29,8 @@ const PER_DISTANCE: [f32; 8] = {
 pub struct Flood {
     /// Lowest level from which water can leave each cell, at least the cell's altitude.
     pub level: Vec<f32>,
-    /// Direction towards the cell from which the flood came, which is no higher; [`OUT`] on the
-    /// rim. Following it leads off the grid from anywhere; it is the drain of level ground.
+    /// Direction to a neighbour that is no higher; [`OUT`] on the rim where none is lower.
+    /// Following it leads off the grid from anywhere; it is the drain of level ground.
     pub toward: Vec<u8>,
 }
 
@@ -54,230 +52,86 @@ pub fn neighbor(cell: usize, direction: u8, width: usize) -> usize {
 /// assert_eq!(flood.level[4], 3.0);
 /// ```
 pub fn fill(width: usize, height: usize, altitude: &[f32]) -> Flood {
-    assert_eq!(altitude.len(), width * height, "altitudes fit the grid");
-    if altitude.is_empty() {
-        return Flood { level: Vec::new(), toward: Vec::new() };
-    }
-    let mut front = Front::new(width, height, altitude);
-    while let Some(cell) = front.queue.pop(&front.level) {
-        front.spread(cell as usize);
-    }
-    front.finish(width, height)
+    let level = crate::fill::levels(width, height, altitude);
+    let toward = drains(width, height, altitude, &level);
+    Flood { level, toward }
 }
 
-/// Not reached by the flood yet.
+/// No drain found yet.
 const DRY: u8 = 255;
 
-/// The flood while it rises. Arrays have a border of one cell that counts as flooded, so that the
-/// inner loops need no test for the rim.
-struct Front {
-    /// Altitude of dry cells, level of flooded ones.
-    level: Vec<f32>,
-    toward: Vec<u8>,
-    steps: [isize; 8],
-    queue: Buckets,
-    /// Cells below the current level whose neighbours wait, in order.
-    pool: Vec<u32>,
-    /// Cells just at the current level, likewise; they wait until the pool is full, so that a
-    /// hollow is flooded in one go from one outlet.
-    shelf: Vec<u32>,
-    slope: Vec<u32>,
-}
-
-impl Front {
-    fn new(width: usize, height: usize, altitude: &[f32]) -> Self {
-        let stride = width + 2;
-        let mut level = vec![0.0; stride * (height + 2)];
-        let mut toward = vec![OUT; level.len()];
-        for (row, line) in altitude.chunks_exact(width).enumerate() {
-            let start = (row + 1) * stride + 1;
-            level[start..start + width].copy_from_slice(line);
-            toward[start..start + width].fill(DRY);
-        }
-        let low = altitude.iter().copied().fold(f32::INFINITY, f32::min);
-        let high = altitude.iter().copied().fold(f32::NEG_INFINITY, f32::max);
-        let mut queue = Buckets::new(low, high, altitude.len());
-        for row in 1..=height {
-            let is_end = row == 1 || row == height;
-            let step = if is_end { 1 } else { (width - 1).max(1) };
-            for column in (1..=width).step_by(step) {
-                let cell = row * stride + column;
-                toward[cell] = OUT;
-                queue.push(level[cell], cell as u32);
+/// The way off the grid from every cell of a filled surface: the steepest way down, and over level
+/// ground one that leads to where it falls.
+///
+/// Level ground is crossed breadth first from all its outlets at once. A hollow that is reached is
+/// taken whole before anything else, from the one cell that reached it: it has a single outlet,
+/// which drains no water back into it.
+fn drains(width: usize, height: usize, altitude: &[f32], level: &[f32]) -> Vec<u8> {
+    let mut toward = steepest(width, height, level);
+    // Level ground: on the rim it drains at once, inside it waits for a neighbour.
+    toward.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
+        if row > 0 && row + 1 < height && width > 2 {
+            for code in line[1..width - 1].iter_mut().filter(|code| **code == OUT) {
+                *code = DRY;
             }
         }
-        let steps = STEPS.map(|(right, down)| down * stride as isize + right);
-        let (pool, shelf, slope) = (Vec::new(), Vec::new(), Vec::new());
-        Self { level, toward, steps, queue, pool, shelf, slope }
-    }
-
-    /// Floods everything that is reached from `start` without rising above its level, and all
-    /// slopes that rise from there.
-    fn spread(&mut self, start: usize) {
-        let level = self.level[start];
-        let (mut pooled, mut shelved) = (0, 0);
-        let mut cell = start;
-        self.pool.clear();
-        self.shelf.clear();
-        loop {
+    });
+    let first = |toward: &[u8], cell: usize| {
+        let leads = |direction: &u8| {
+            let beside = neighbor(cell, *direction, width);
+            toward[beside] != DRY && level[beside] == level[cell]
+        };
+        (0u8..8).find(leads)
+    };
+    let mut shelf: Vec<(u32, u8)> = (0..level.len())
+        .into_par_iter()
+        .filter(|cell| toward[*cell] == DRY)
+        .filter_map(|cell| first(&toward, cell).map(|direction| (cell as u32, direction)))
+        .collect();
+    let mut pool: Vec<u32> = Vec::new();
+    let mut next = 0;
+    while let Some(&(cell, direction)) = shelf.get(next) {
+        next += 1;
+        let cell = cell as usize;
+        if toward[cell] != DRY {
+            continue;
+        }
+        toward[cell] = direction;
+        pool.push(cell as u32);
+        // A raised cell takes the whole hollow; one at its own altitude leaves its like to the shelf.
+        while let Some(from) = pool.pop() {
+            let from = from as usize;
             for direction in 0..8 {
-                let next = cell.wrapping_add_signed(self.steps[direction]);
-                if self.toward[next] != DRY {
+                let beside = neighbor(from, direction, width);
+                if toward[beside] != DRY || level[beside] != level[from] {
                     continue;
                 }
-                self.toward[next] = direction as u8 ^ 4;
-                let altitude = self.level[next];
-                if altitude < level {
-                    self.level[next] = level;
-                    self.pool.push(next as u32);
-                } else if altitude == level {
-                    self.shelf.push(next as u32);
+                if level[beside] > altitude[beside] && level[from] > altitude[from] {
+                    toward[beside] = direction ^ 4;
+                    pool.push(beside as u32);
                 } else {
-                    self.climb(next);
+                    shelf.push((beside as u32, direction ^ 4));
                 }
             }
-            if let Some(&next) = self.pool.get(pooled) {
-                cell = next as usize;
-                pooled += 1;
-            } else if let Some(&next) = self.shelf.get(shelved) {
-                cell = next as usize;
-                shelved += 1;
-            } else {
-                return;
-            }
         }
     }
-
-    /// Takes whatever rises from a cell: a path that only rises keeps every altitude as it is.
-    /// Cells with dry ground behind that does not rise wait in the queue for their turn.
-    fn climb(&mut self, start: usize) {
-        self.slope.push(start as u32);
-        while let Some(cell) = self.slope.pop() {
-            let altitude = self.level[cell as usize];
-            let mut may_spill = false;
-            for direction in 0..8 {
-                let next = (cell as usize).wrapping_add_signed(self.steps[direction]);
-                if self.toward[next] != DRY {
-                    continue;
-                }
-                if self.level[next] > altitude {
-                    self.toward[next] = direction as u8 ^ 4;
-                    self.slope.push(next as u32);
-                } else {
-                    may_spill = true;
-                }
-            }
-            if may_spill {
-                self.queue.push(altitude, cell);
-            }
-        }
-    }
-
-    fn finish(self, width: usize, height: usize) -> Flood {
-        let stride = width + 2;
-        let mut flood = Flood {
-            level: Vec::with_capacity(width * height),
-            toward: Vec::with_capacity(width * height),
-        };
-        for row in 1..=height {
-            let inner = row * stride + 1..row * stride + 1 + width;
-            flood.level.extend_from_slice(&self.level[inner.clone()]);
-            flood.toward.extend_from_slice(&self.toward[inner]);
-        }
-        flood
-    }
-}
-
-/// A queue of cells by altitude, lowest first, for altitudes that never fall behind the last one
-/// taken.
-struct Buckets {
-    low: f32,
-    per_meter: f32,
-    /// First entry of each bucket's list, or [`END`].
-    heads: Vec<u32>,
-    /// Cell and next entry.
-    entries: Vec<(u32, u32)>,
-    /// First unused entry.
-    free: u32,
-    current: usize,
-    /// Entries of the current bucket by exact altitude, then cell.
-    heap: BinaryHeap<Reverse<u64>>,
-}
-
-const END: u32 = u32::MAX;
-
-/// Cells for which one bucket is made: few enough that a bucket's heap stays in the cache.
-const CELLS_PER_BUCKET: usize = 64;
-
-impl Buckets {
-    fn new(low: f32, high: f32, cells: usize) -> Self {
-        let count = (cells / CELLS_PER_BUCKET).clamp(1, 1 << 20);
-        let per_meter = (count - 1) as f32 / (high - low);
-        Self {
-            low,
-            per_meter: if per_meter.is_finite() { per_meter } else { 0.0 },
-            heads: vec![END; count],
-            entries: Vec::new(),
-            free: END,
-            current: 0,
-            heap: BinaryHeap::new(),
-        }
-    }
-
-    #[inline]
-    fn push(&mut self, altitude: f32, cell: u32) {
-        let bucket = ((altitude - self.low) * self.per_meter) as usize;
-        let bucket = bucket.min(self.heads.len() - 1);
-        if bucket <= self.current {
-            self.heap.push(Reverse(key(altitude, cell)));
-            return;
-        }
-        let entry = (cell, self.heads[bucket]);
-        self.heads[bucket] = match self.entries.get_mut(self.free as usize) {
-            Some(unused) => {
-                let place = self.free;
-                self.free = unused.1;
-                *unused = entry;
-                place
-            }
-            None => {
-                self.entries.push(entry);
-                (self.entries.len() - 1) as u32
-            }
-        };
-    }
-
-    fn pop(&mut self, altitude: &[f32]) -> Option<u32> {
-        while self.heap.is_empty() && self.current + 1 < self.heads.len() {
-            self.current += 1;
-            let mut at = std::mem::replace(&mut self.heads[self.current], END);
-            while at != END {
-                let (cell, next) = self.entries[at as usize];
-                self.heap.push(Reverse(key(altitude[cell as usize], cell)));
-                self.entries[at as usize].1 = self.free;
-                self.free = at;
-                at = next;
-            }
-        }
-        self.heap.pop().map(|Reverse(key)| key as u32)
-    }
-}
-
-/// Altitude and cell as one number that sorts by the first, then the second.
-#[inline]
-fn key(altitude: f32, cell: u32) -> u64 {
-    let bits = altitude.to_bits();
-    let ordered = if bits >> 31 == 0 { bits | 1 << 31 } else { !bits };
-    u64::from(ordered) << 32 | u64::from(cell)
+    toward
 }
 
 /// Direction in which water leaves every cell: the steepest way down (the first of equally steep
 /// ones, clockwise from east) [OCallaghan84], on level ground the way the flood came.
 pub fn directions(width: usize, height: usize, flood: &Flood) -> Vec<u8> {
-    let level = &flood.level;
+    let mut directions = steepest(width, height, &flood.level);
+    directions.par_iter_mut().zip(&flood.toward).for_each(|(out, toward)| {
+        *out = if *out == OUT { *toward } else { *out };
+    });
+    directions
+}
+
+/// Direction of the steepest way down, [`OUT`] where no neighbour is lower.
+fn steepest(width: usize, height: usize, level: &[f32]) -> Vec<u8> {
     let mut directions = vec![OUT; level.len()];
     directions.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
-        let toward = &flood.toward[row * width..][..width];
         if row > 0 && row + 1 < height && width > 2 {
             steepest_inside(width, row, level, line);
             line[0] = steepest_on_rim(width, height, level, 0, row);
@@ -286,9 +140,6 @@ pub fn directions(width: usize, height: usize, flood: &Flood) -> Vec<u8> {
             for (column, out) in line.iter_mut().enumerate() {
                 *out = steepest_on_rim(width, height, level, column, row);
             }
-        }
-        for (out, toward) in line.iter_mut().zip(toward).filter(|(out, _)| **out == OUT) {
-            *out = *toward;
         }
     });
     directions
@@ -544,8 +395,8 @@ pub fn drain_through_floors(width: usize, altitude: &[f32], flood: &mut Flood) {
             continue;
         }
         heap.push(Reverse(key(altitude[outlet], outlet as u32)));
-        while let Some(Reverse(key)) = heap.pop() {
-            let cell = key as u32 as usize;
+        while let Some(Reverse(lowest)) = heap.pop() {
+            let cell = lowest as u32 as usize;
             for direction in 0..8 {
                 // The outlet may lie on the rim, beyond which there is nothing.
                 let beside = neighbor(cell, direction, width);
@@ -557,7 +408,7 @@ pub fn drain_through_floors(width: usize, altitude: &[f32], flood: &mut Flood) {
                 if is_inside && is_entry && !is_done[beside] {
                     is_done[beside] = true;
                     flood.toward[beside] = direction ^ 4;
-                    heap.push(Reverse(self::key(altitude[beside], beside as u32)));
+                    heap.push(Reverse(key(altitude[beside], beside as u32)));
                 }
             }
         }
@@ -596,6 +447,7 @@ mod tests {
             let rate = ground.len() as f64 / start.elapsed().as_secs_f64() / 1e6;
             println!("{name}: {rate:.1} Mcell/s");
         };
+        rate("levels", &mut || drop(crate::fill::levels(side, side, &ground)));
         let mut flood = None;
         rate("fill", &mut || flood = Some(fill(side, side, &ground)));
         let Some(flood) = flood else { return };

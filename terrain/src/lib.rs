@@ -15,6 +15,7 @@ pub mod disperse;
 mod editor;
 mod environment;
 mod erosion;
+pub mod fill;
 pub mod flow;
 pub mod hollow;
 mod import;
@@ -50,7 +51,7 @@ use std::collections::BTreeMap;
 use weald_contract::{Crs, Image, Layers, Problem, Progress, Raster, Seed, View};
 
 /// Raised whenever the same configuration gives other bytes than before.
-pub const OUTPUT_VERSION: u32 = 2;
+pub const OUTPUT_VERSION: u32 = 3;
 
 /// Why no terrain came out.
 #[derive(Debug, thiserror::Error)]

@@ -97,6 +97,7 @@ pub fn leaf(
         reflectance: reflectance.map(|r| r * dim),
         roughness,
         surface: Surface::Leaf { transmittance: transmittance.map(|t| t * dim) },
+        ..Material::default()
     }
 }
 
@@ -107,7 +108,7 @@ pub fn petal(name: &str, reflectance: [f32; 3], part: f32) -> Material {
 
 /// Something opaque and rough, such as bark.
 pub fn opaque(name: &str, reflectance: [f32; 3]) -> Material {
-    Material { name: name.into(), reflectance, roughness: 0.9, surface: Surface::Opaque }
+    Material { name: name.into(), reflectance, roughness: 0.9, ..Material::default() }
 }
 
 #[cfg(test)]

@@ -40,7 +40,13 @@ pub fn model_within(name: &str, skeleton: &Skeleton, sag: f32) -> PlantModel {
     }
     wood.retain(|mesh| !mesh.triangles.is_empty());
     let materials = skeleton.materials.clone();
-    PlantModel { name: name.into(), materials, wood, organs: organs(skeleton) }
+    PlantModel {
+        name: name.into(),
+        materials,
+        wood,
+        organs: organs(skeleton),
+        ..PlantModel::default()
+    }
 }
 
 /// Area of a mesh stretched by `scale` along its axes, m².
@@ -56,7 +62,7 @@ pub fn organ_area(mesh: &Mesh, scale: Vec3) -> f32 {
 fn organs(skeleton: &Skeleton) -> Vec<Organ> {
     let prototypes = skeleton.prototypes.iter();
     let mut organs: Vec<Organ> = prototypes
-        .map(|p| Organ { name: p.name.clone(), meshes: p.meshes.clone(), placements: Vec::new() })
+        .map(|p| Organ { name: p.name.clone(), meshes: p.meshes.clone(), ..Organ::default() })
         .collect();
     for organ in &skeleton.organs {
         let Some(prototype) = organs.get_mut(organ.prototype as usize) else { continue };

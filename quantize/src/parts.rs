@@ -175,8 +175,12 @@ mod tests {
         let mesh = Mesh { positions, triangles: vec![[0, 1, 2]], ..Mesh::default() };
         let placement =
             Placement { position: [0.0; 3], rotation: [0.0, 0.0, 0.0, 1.0], scale: [1.0; 3] };
-        let organ =
-            Organ { name: "leaf".into(), meshes: vec![mesh], placements: vec![placement; places] };
+        let organ = Organ {
+            name: "leaf".into(),
+            meshes: vec![mesh],
+            placements: vec![placement; places],
+            ..Organ::default()
+        };
         PlantModel { organs: vec![organ], ..PlantModel::default() }
     }
 

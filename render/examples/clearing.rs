@@ -43,7 +43,7 @@ fn terrain() -> Layers {
 
 fn material(name: &str, rgb: [f32; 3], through: Option<[f32; 3]>, roughness: f32) -> Material {
     let surface = through.map_or(Surface::Opaque, |transmittance| Surface::Leaf { transmittance });
-    Material { name: name.into(), reflectance: rgb, roughness, surface }
+    Material { name: name.into(), reflectance: rgb, roughness, surface, ..Material::default() }
 }
 
 /// A trunk with a cloud of leaves on twigs.
@@ -111,7 +111,13 @@ fn tree(seed: Seed, height: f32, radius: f32) -> PlantModel {
             material("leaf", [0.055, 0.105, 0.022], Some([0.06, 0.15, 0.015]), 0.5),
         ],
         wood: vec![wood],
-        organs: vec![Organ { name: "leaf".into(), meshes: vec![blade], placements }],
+        organs: vec![Organ {
+            name: "leaf".into(),
+            meshes: vec![blade],
+            placements,
+            ..Organ::default()
+        }],
+        ..PlantModel::default()
     }
 }
 
@@ -143,7 +149,7 @@ fn tuft(seed: Seed, height: f32, blades: usize, rgb: [f32; 3], through: [f32; 3]
         name: "tuft".into(),
         materials: vec![material("blade", rgb, Some(through), 0.6)],
         wood: vec![mesh],
-        organs: vec![],
+        ..PlantModel::default()
     }
 }
 

@@ -689,13 +689,13 @@ mod tests {
             name: "bark".into(),
             reflectance: [0.3; 3],
             roughness: 1.0,
-            surface: Surface::Opaque,
+            ..weald_contract::Material::default()
         };
         PlantModel {
             name: "stick".into(),
             materials: vec![material],
             wood: vec![mesh],
-            organs: vec![],
+            ..PlantModel::default()
         }
     }
 

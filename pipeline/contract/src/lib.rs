@@ -31,7 +31,9 @@ pub use instances::Instances;
 pub use layers::{Layer, Layers};
 pub use palette::{Group, Palette, Representative};
 pub use picture::{Channel, Picture};
-pub use plant_model::{Material, Mesh, Organ, Placement, PlantModel, Surface};
+pub use plant_model::{
+    Branch, Material, Mesh, Organ, Paint, Placement, PlantModel, Surface, Texture,
+};
 pub use population::{Plant, Population, State};
 pub use progress::{Progress, Silent};
 pub use seed::{Seed, Stream};

@@ -20,8 +20,32 @@ pub enum Surface {
     },
 }
 
+/// A picture that surfaces are painted with.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Texture {
+    /// Name, for instance `bark`.
+    pub name: String,
+    /// Texels across; positive.
+    pub width: u32,
+    /// Texels down; positive.
+    pub height: u32,
+    /// Red, green and blue in sRGB and coverage, row by row; the first texel lies at texture
+    /// coordinates (0, 0), the second further along u, the second row further along v.
+    pub texels: Vec<[u8; 4]>,
+}
+
+/// How a material is painted.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Paint {
+    /// Index into [`PlantModel::textures`].
+    pub texture: u32,
+    /// What one copy of the texture covers along u and v, in units of the texture coordinates:
+    /// metres on wood, 1 on organs. Copies repeat without end.
+    pub size: [f32; 2],
+}
+
 /// A material.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Material {
     /// Name, for instance `bark`.
     pub name: String,
@@ -31,6 +55,11 @@ pub struct Material {
     pub roughness: f32,
     /// What happens to the light that is not reflected.
     pub surface: Surface,
+    /// Texture whose linear colour multiplies reflectance and transmittance, if any.
+    pub paint: Option<Paint>,
+    /// Coverage of the texture below which the surface is not there at all, in (0, 1]; `None`
+    /// means that coverage is ignored.
+    pub cutout: Option<f32>,
 }
 
 /// A triangle mesh with one material.
@@ -46,6 +75,8 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
     /// Index into [`PlantModel::materials`].
     pub material: u32,
+    /// Index into [`PlantModel::branches`], one a vertex; empty where wind moves nothing.
+    pub branches: Vec<u32>,
 }
 
 /// Where an organ sits: scaled, then rotated, then moved.
@@ -60,7 +91,7 @@ pub struct Placement {
 }
 
 /// An organ prototype (leaf, flower, blade) and all places where it grows.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Organ {
     /// Name, for instance `leaf`.
     pub name: String,
@@ -69,6 +100,21 @@ pub struct Organ {
     pub meshes: Vec<Mesh>,
     /// Its places in the plant's space.
     pub placements: Vec<Placement>,
+    /// Index into [`PlantModel::branches`], one a place; empty where wind moves nothing.
+    pub branches: Vec<u32>,
+}
+
+/// A part of a plant that wind turns about its foot, and with it all that grows on it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Branch {
+    /// The branch that bears it; it stands earlier in the table.
+    pub parent: Option<u32>,
+    /// Where it is attached, m.
+    pub pivot: [f32; 3],
+    /// Radius at the foot over length: a blade of grass has 0.002, a trunk 0.02.
+    pub stiffness: f32,
+    /// Where in its swing it is at time 0, rad; neighbours differ.
+    pub phase: f32,
 }
 
 /// A grown plant.
@@ -82,6 +128,47 @@ pub struct PlantModel {
     pub wood: Vec<Mesh>,
     /// Geometry that is there many times.
     pub organs: Vec<Organ>,
+    /// Textures that the materials name.
+    pub textures: Vec<Texture>,
+    /// Parts that move in the wind, bearers first; empty unless asked for.
+    pub branches: Vec<Branch>,
+}
+
+impl Texture {
+    /// Whether there is a texel for every place.
+    pub fn is_sound(&self) -> bool {
+        let count = u64::from(self.width) * u64::from(self.height);
+        count > 0 && count == self.texels.len() as u64
+    }
+
+    /// Linear Rec. 709 colour and coverage of a texel in [0, 1], the nearest to (u, v) counted in
+    /// copies of the texture.
+    pub fn at(&self, u: f32, v: f32) -> [f32; 4] {
+        let index = |coordinate: f32, count: u32| {
+            let inside = coordinate - coordinate.floor();
+            ((inside * count as f32) as u32).min(count - 1) as usize
+        };
+        let place = index(v, self.height) * self.width as usize + index(u, self.width);
+        let [r, g, b, coverage] = self.texels[place];
+        [linear(r), linear(g), linear(b), f32::from(coverage) / 255.0]
+    }
+}
+
+/// Linear light of an sRGB code [IEC61966].
+pub fn linear(code: u8) -> f32 {
+    let encoded = f32::from(code) / 255.0;
+    if encoded <= 0.040_45 { encoded / 12.92 } else { libm::powf((encoded + 0.055) / 1.055, 2.4) }
+}
+
+/// The sRGB code of linear light, which is clamped to [0, 1].
+pub fn srgb(linear: f32) -> u8 {
+    let linear = if linear.is_nan() { 0.0 } else { linear.clamp(0.0, 1.0) };
+    let encoded = if linear <= 0.003_130_8 {
+        12.92 * linear
+    } else {
+        1.055 * libm::powf(linear, 1.0 / 2.4) - 0.055
+    };
+    (encoded * 255.0 + 0.5) as u8
 }
 
 impl Mesh {
@@ -91,6 +178,7 @@ impl Mesh {
         let fits = |len: usize| len == 0 || len == n;
         fits(self.normals.len())
             && fits(self.uvs.len())
+            && fits(self.branches.len())
             && (self.material as usize) < material_count
             && self.triangles.iter().flatten().all(|&index| (index as usize) < n)
     }
@@ -115,5 +203,28 @@ impl PlantModel {
         let wood = self.wood.iter().flat_map(|mesh| &mesh.positions).map(|p| p[2]);
         let organs = self.organs.iter().flat_map(|o| &o.placements).map(|p| p.position[2]);
         wood.chain(organs).fold(0.0, f32::max)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn srgb_meets_the_standard_and_comes_back() {
+        // Half the light has the code 188; 0.04045 is where the curve begins.
+        assert_eq!([0.0, 0.5, 1.0].map(srgb), [0, 188, 255]);
+        assert!((linear(128) - 0.215_861).abs() < 1e-5);
+        assert!((0..=255).all(|code| srgb(linear(code)) == code));
+    }
+
+    #[test]
+    fn textures_repeat_and_begin_at_their_first_texel() {
+        let texels = vec![[255, 0, 0, 255], [0, 255, 0, 0], [0, 0, 255, 255], [0; 4]];
+        let texture = Texture { name: "t".into(), width: 2, height: 2, texels };
+        assert!(texture.is_sound());
+        assert_eq!(texture.at(0.1, 0.1), [1.0, 0.0, 0.0, 1.0]);
+        assert_eq!(texture.at(0.9, 0.1), [0.0, 1.0, 0.0, 0.0]);
+        assert_eq!(texture.at(-0.9, 3.9), [0.0, 0.0, 1.0, 1.0]);
     }
 }

@@ -142,7 +142,7 @@ fn sapling() -> PlantModel {
         normals: vec![[0.0, -1.0, 0.0]; 3],
         uvs: vec![[0.0, 0.0], [0.2, 0.0], [0.1, 2.0]],
         triangles: vec![[0, 1, 2]],
-        material: 0,
+        ..Mesh::default()
     };
     let blade = Mesh {
         positions: vec![[0.0, 0.0, 0.0], [0.03, 0.08, 0.0], [-0.03, 0.08, 0.0]],
@@ -150,6 +150,7 @@ fn sapling() -> PlantModel {
         uvs: Vec::new(),
         triangles: vec![[0, 1, 2]],
         material: 1,
+        ..Mesh::default()
     };
     let place = |i: u8| Placement {
         position: [0.0, 0.0, 1.0 + f32::from(i) * 0.01],
@@ -162,6 +163,7 @@ fn sapling() -> PlantModel {
         reflectance,
         roughness: 0.8,
         surface,
+        ..Material::default()
     };
     PlantModel {
         name: "aspen-1".into(),
@@ -174,7 +176,9 @@ fn sapling() -> PlantModel {
             name: "leaf".into(),
             meshes: vec![blade],
             placements: (0..100).map(place).collect(),
+            ..Organ::default()
         }],
+        ..PlantModel::default()
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod glb;
 mod read;
+mod texture;
 mod write;
 
 use crate::bytes::{MAX_FILE_BYTES, read_bounded};
@@ -38,7 +39,7 @@ pub fn write_plant(path: &Path, model: &PlantModel, provenance: &Provenance) -> 
 ///
 /// Nodes are flattened: their transforms are applied to the meshes, which become
 /// [`PlantModel::wood`]. Nodes with `EXT_mesh_gpu_instancing` become organs. Of materials, base
-/// colour, roughness and diffuse transmission are kept; textures are not.
+/// colour with its texture, cut-outs, roughness and diffuse transmission are kept.
 ///
 /// # Errors
 /// When the file is damaged, larger than we read, or compressed by an extension.
@@ -76,11 +77,16 @@ pub fn flatten(model: &PlantModel) -> PlantModel {
 
 fn flatten_mesh(mesh: &Mesh, organ: &Organ, wood: &mut Vec<Mesh>) {
     let places_per_mesh = (FLAT_VERTICES / mesh.positions.len().max(1)).max(1);
+    let mut first = 0;
     for places in organ.placements.chunks(places_per_mesh) {
         let mut whole = Mesh { material: mesh.material, ..Mesh::default() };
         for place in places {
             append(mesh, place, &mut whole);
         }
+        let count = mesh.positions.len();
+        let borne = organ.branches.get(first..).unwrap_or_default().iter().take(places.len());
+        whole.branches = borne.flat_map(|&branch| std::iter::repeat_n(branch, count)).collect();
+        first += places.len();
         wood.push(whole);
     }
 }
@@ -121,7 +127,7 @@ mod tests {
     use super::*;
     use crate::provenance::tests::story;
     use proptest::prelude::*;
-    use weald_contract::{Material, Surface};
+    use weald_contract::{Branch, Material, Paint, Surface, Texture};
 
     /// A trunk of two triangles and a leaf in three places.
     pub(super) fn sapling() -> PlantModel {
@@ -130,6 +136,8 @@ mod tests {
             reflectance: [0.1, 0.3, 1.0 / 3.0],
             roughness: 0.7,
             surface,
+            paint: None,
+            cutout: None,
         };
         let leaf = Surface::Leaf { transmittance: [0.05, 0.4, 0.1] };
         let trunk = Mesh {
@@ -138,6 +146,7 @@ mod tests {
             uvs: vec![[0.0, 0.0], [0.1, 0.0], [0.1, 2.0], [0.0, 2.0]],
             triangles: vec![[0, 1, 2], [0, 2, 3]],
             material: 0,
+            branches: Vec::new(),
         };
         let blade = Mesh {
             positions: vec![[0.0, 0.0, 0.0], [0.01, 0.05, 0.0], [-0.01, 0.05, 0.003]],
@@ -145,6 +154,7 @@ mod tests {
             uvs: Vec::new(),
             triangles: vec![[0, 1, 2]],
             material: 1,
+            branches: Vec::new(),
         };
         let place = |height: f32, sign: f32| Placement {
             position: [0.05 * sign, 0.3, height],
@@ -159,7 +169,10 @@ mod tests {
                 name: "leaf".into(),
                 meshes: vec![blade.clone(), Mesh { material: 0, ..blade }],
                 placements: vec![place(1.0, 1.0), place(1.5, -1.0), place(2.0, 1.0)],
+                branches: Vec::new(),
             }],
+            textures: Vec::new(),
+            branches: Vec::new(),
         }
     }
 
@@ -174,6 +187,76 @@ mod tests {
         write_plant(&path, &sapling(), &story()).unwrap();
         assert_eq!(read_plant(&path).unwrap(), sapling());
         assert_eq!(provenance(&path).unwrap(), Some(story()));
+    }
+
+    /// The sapling with bark and leaf painted, the leaf cut out, and a trunk and twig that sway.
+    fn swaying() -> PlantModel {
+        let mut plant = sapling();
+        let texel = |i: u8| [i * 7, 255 - i, i, 255];
+        let bark = Texture {
+            name: "bark".into(),
+            width: 3,
+            height: 2,
+            texels: (0..6).map(texel).collect(),
+        };
+        let mut leaf = Texture { name: "leaf".into(), ..bark.clone() };
+        leaf.texels[4][3] = 0;
+        plant.textures = vec![bark, leaf];
+        plant.materials[0].paint = Some(Paint { texture: 0, size: [0.3, 0.7] });
+        plant.materials[1].paint = Some(Paint { texture: 1, size: [1.0, 1.0] });
+        plant.materials[1].cutout = Some(0.4);
+        let trunk = Branch { parent: None, pivot: [0.0; 3], stiffness: 0.03, phase: 0.4 };
+        let twig = Branch { parent: Some(0), pivot: [0.1, 0.2, 1.0], ..trunk };
+        plant.branches = vec![trunk, twig];
+        plant.wood[0].branches = vec![0, 0, 0, 1];
+        plant.organs[0].branches = vec![0, 1, 1];
+        plant
+    }
+
+    #[test]
+    fn textures_cutouts_and_branches_come_back_bit_for_bit() {
+        let bytes = bytes_of(&swaying());
+        assert_eq!(parse_plant(Path::new("p.glb"), &bytes).unwrap(), swaying());
+    }
+
+    #[test]
+    fn an_independent_reader_finds_textures_and_cutouts() {
+        let bytes = bytes_of(&flatten(&swaying()));
+        let gltf = gltf::Gltf::from_slice(&bytes).unwrap();
+        let leaf = gltf.materials().nth(1).unwrap();
+        assert_eq!(leaf.alpha_mode(), gltf::material::AlphaMode::Mask);
+        assert_eq!(leaf.alpha_cutoff(), Some(0.4));
+        let info = leaf.pbr_metallic_roughness().base_color_texture().unwrap();
+        let gltf::image::Source::View { view, mime_type } = info.texture().source().source() else {
+            panic!("the texture lies outside the file");
+        };
+        assert_eq!((info.tex_coord(), mime_type), (0, "image/png"));
+        let blob = gltf.blob.as_deref().unwrap();
+        let png = image::load_from_memory(&blob[view.offset()..view.offset() + view.length()]);
+        let png = png.unwrap().into_rgba8();
+        assert_eq!((png.width(), png.height(), png.get_pixel(1, 1).0), (3, 2, [28, 251, 4, 0]));
+    }
+
+    #[test]
+    fn flattening_lets_organs_follow_their_branch() {
+        let flat = flatten(&swaying());
+        assert_eq!(flat.wood[2].branches, [0, 0, 0, 1, 1, 1, 1, 1, 1]);
+    }
+
+    #[test]
+    fn unsound_paint_and_branches_are_refused() {
+        let refused = |change: fn(&mut PlantModel)| {
+            let mut model = swaying();
+            change(&mut model);
+            write::to_glb(Path::new("p.glb"), &model, &story()).unwrap_err().to_string()
+        };
+        let error = refused(|m| m.materials[0].paint.as_mut().unwrap().texture = 2);
+        assert!(error.contains("material `bark`"), "{error}");
+        assert!(refused(|m| m.textures[0].width = 4).contains("`bark`"));
+        assert!(refused(|m| m.materials[1].cutout = Some(0.0)).contains("`leaf`"));
+        assert!(refused(|m| m.branches[0].parent = Some(0)).contains("branches"));
+        assert!(refused(|m| m.organs[0].branches.truncate(1)).contains("branches"));
+        assert!(refused(|m| m.wood[0].branches = vec![2; 4]).contains("branches"));
     }
 
     #[test]
@@ -243,7 +326,7 @@ mod tests {
     proptest! {
         #[test]
         fn damaged_files_never_panic(flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..8), cut in any::<prop::sample::Index>()) {
-            let good = bytes_of(&sapling());
+            let good = bytes_of(&swaying());
             let mut bytes = good.clone();
             for (index, value) in flips {
                 bytes[index.index(good.len())] = value;

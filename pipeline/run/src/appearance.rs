@@ -179,6 +179,7 @@ mod tests {
             reflectance: [0.1; 3],
             roughness: 1.0,
             surface: Surface::Leaf { transmittance: [0.1; 3] },
+            ..Material::default()
         };
         PlantModel { materials: vec![material], wood: vec![mesh], ..PlantModel::default() }
     }

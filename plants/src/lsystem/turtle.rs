@@ -321,5 +321,5 @@ fn fan(corners: &[Vec3], origin: Vec3, material: u32) -> Mesh {
     let uvs = positions.iter().map(|p| [p[0], p[1]]).collect();
     let normals = vec![normal; positions.len()];
     let triangles = (1..corners.len() as u32 - 1).map(|i| [0, i, i + 1]).collect();
-    Mesh { material, positions, normals, uvs, triangles }
+    Mesh { material, positions, normals, uvs, triangles, ..Mesh::default() }
 }

@@ -25,6 +25,54 @@ pub(super) struct Document {
     pub materials: Vec<MaterialEntry>,
     pub accessors: Vec<Accessor>,
     pub buffer_views: Vec<BufferView>,
+    pub textures: Vec<TextureEntry>,
+    pub images: Vec<ImageEntry>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct TextureEntry {
+    pub source: Option<usize>,
+}
+
+#[derive(Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct ImageEntry {
+    pub name: Option<String>,
+    pub buffer_view: Option<usize>,
+}
+
+/// A texture as a material names it.
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default, rename_all = "camelCase")]
+pub(super) struct TextureInfo {
+    pub index: usize,
+    pub tex_coord: usize,
+    pub extensions: TextureExtensions,
+}
+
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct TextureExtensions {
+    #[serde(rename = "KHR_texture_transform")]
+    pub transform: Option<TextureTransform>,
+}
+
+#[derive(Clone, Debug, Default, Deserialize)]
+#[serde(default)]
+pub(super) struct TextureTransform {
+    pub offset: [f32; 2],
+    pub rotation: f32,
+    pub scale: Option<[f32; 2]>,
+}
+
+/// Accessors of the columns of the table of branches that wind moves.
+#[derive(Debug, Deserialize)]
+pub(super) struct BranchColumns {
+    pub parent: usize,
+    pub pivot: usize,
+    pub stiffness: usize,
+    pub phase: usize,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -39,6 +87,7 @@ pub(super) struct Asset {
 pub(super) struct Scene {
     pub name: Option<String>,
     pub nodes: Vec<usize>,
+    pub extras: Json,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -73,6 +122,8 @@ pub(super) struct InstanceAttributes {
     pub translation: Option<usize>,
     pub rotation: Option<usize>,
     pub scale: Option<usize>,
+    #[serde(rename = "_BRANCH")]
+    pub branch: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -99,6 +150,8 @@ pub(super) struct Attributes {
     pub normal: Option<usize>,
     #[serde(rename = "TEXCOORD_0")]
     pub uv: Option<usize>,
+    #[serde(rename = "_BRANCH")]
+    pub branch: Option<usize>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -107,6 +160,8 @@ pub(super) struct MaterialEntry {
     pub name: Option<String>,
     pub pbr_metallic_roughness: Pbr,
     pub emissive_factor: Option<[f32; 3]>,
+    pub alpha_mode: Option<String>,
+    pub alpha_cutoff: Option<f32>,
     pub extensions: MaterialExtensions,
     pub extras: Json,
 }
@@ -115,6 +170,7 @@ pub(super) struct MaterialEntry {
 #[serde(default, rename_all = "camelCase")]
 pub(super) struct Pbr {
     pub base_color_factor: Option<[f32; 4]>,
+    pub base_color_texture: Option<TextureInfo>,
     pub roughness_factor: Option<f32>,
 }
 
@@ -286,7 +342,8 @@ impl Numbers<'_> {
         elements.ok_or_else(|| self.wrong(index, "reaches outside its part of the file"))
     }
 
-    fn view(&self, index: usize) -> Option<&[u8]> {
+    /// The bytes of a view, if they lie inside the file.
+    pub fn view(&self, index: usize) -> Option<&[u8]> {
         let view = self.document.buffer_views.get(index)?;
         let end = view.byte_offset.checked_add(view.byte_length)?;
         // Buffer 0 is the one inside the file; others would be files beside it.

@@ -1,11 +1,16 @@
 //! Reading a GLB: every bound is checked, every node is visited once.
 
-use super::glb::{self, Document, InstanceAttributes, MaterialEntry, Node, Numbers, Primitive};
-use super::{MAX_ITEMS, z_up};
+use super::glb::{
+    self, BranchColumns, Document, InstanceAttributes, MaterialEntry, Node, Numbers, Primitive,
+    TextureInfo, TextureTransform,
+};
+use super::{MAX_ITEMS, texture, z_up};
 use crate::error::{Error, Result};
 use glam::{DMat3, DMat4, DQuat, DVec3, Quat};
 use std::path::Path;
-use weald_contract::{Material, Mesh, Organ, Placement, PlantModel, Surface};
+use weald_contract::{
+    Branch, Material, Mesh, Organ, Paint, Placement, PlantModel, Surface, Texture,
+};
 
 /// Extensions that change geometry but that we may ignore or understand.
 const KNOWN: [&str; 4] = [
@@ -23,7 +28,8 @@ pub(super) fn from_glb(path: &Path, bytes: &[u8]) -> Result<PlantModel> {
     }
     let numbers = Numbers { path, document: &document, binary };
     let mut reader = Reader { path, document: &document, numbers, ..Reader::new(path, &document) };
-    reader.materials();
+    reader.materials()?;
+    reader.branches()?;
     reader.scene()?;
     let scene = document.scenes.get(document.scene.unwrap_or(0));
     let stem = || path.file_stem().map(|stem| stem.to_string_lossy().into_owned());
@@ -48,8 +54,84 @@ impl<'a> Reader<'a> {
         Self { path, document, numbers, model: PlantModel::default(), items: 0, plain: None }
     }
 
-    fn materials(&mut self) {
+    /// Reads the materials, and those textures that give them their colour.
+    fn materials(&mut self) -> Result<()> {
         self.model.materials = self.document.materials.iter().map(material).collect();
+        // Where each image stands among the textures that are kept.
+        let mut places: Vec<Option<u32>> = vec![None; self.document.images.len()];
+        let image_of = |info: &TextureInfo| self.document.textures.get(info.index)?.source;
+        let infos = |entry: &MaterialEntry| paint_of(entry).and_then(image_of);
+        let mut used: Vec<usize> = self.document.materials.iter().filter_map(infos).collect();
+        used.sort_unstable();
+        used.dedup();
+        for image in used {
+            let Some(texture) = self.texture(image)? else { continue };
+            places[image] = Some(self.model.textures.len() as u32);
+            self.model.textures.push(texture);
+        }
+        for (material, entry) in self.model.materials.iter_mut().zip(&self.document.materials) {
+            let info = paint_of(entry);
+            let place = info.and_then(image_of).and_then(|image| *places.get(image)?);
+            let paint = info.zip(place);
+            material.paint =
+                paint.map(|(info, texture)| Paint { texture, size: paint_size(entry, info) });
+            if material.paint.is_none() {
+                material.cutout = None;
+            }
+        }
+        Ok(())
+    }
+
+    /// An image of the file; `None` for one that lies beside it or is of another format.
+    fn texture(&mut self, index: usize) -> Result<Option<Texture>> {
+        let Some(entry) = self.document.images.get(index) else { return Ok(None) };
+        let Some(view) = entry.buffer_view else { return Ok(None) };
+        let Some(bytes) = self.numbers.view(view) else {
+            return Err(self.wrong(format!("image {index} reaches outside the file")));
+        };
+        let name = entry.name.clone().unwrap_or_default();
+        let texture = texture::from_bytes(self.path, name, bytes)?;
+        self.count(texture.texels.len())?;
+        Ok(Some(texture))
+    }
+
+    /// Reads the table of branches that wind moves, which only our files have.
+    fn branches(&mut self) -> Result<()> {
+        let scene = self.document.scenes.get(self.document.scene.unwrap_or(0));
+        let ours = scene.and_then(|scene| scene.extras.get("weald")?.get("branches"));
+        let Some(columns) = ours else { return Ok(()) };
+        let columns: BranchColumns = serde_json::from_value(columns.clone())
+            .map_err(|error| self.wrong(format!("the table of branches is wrong: {error}")))?;
+        let pivots = self.numbers.vectors::<3>(columns.pivot)?;
+        let parents = self.numbers.vectors::<1>(columns.parent)?;
+        let stiffness = self.numbers.vectors::<1>(columns.stiffness)?;
+        let phases = self.numbers.vectors::<1>(columns.phase)?;
+        if [parents.len(), stiffness.len(), phases.len()] != [pivots.len(); 3] {
+            return Err(self.wrong("the columns of the table of branches differ in length".into()));
+        }
+        self.count(pivots.len())?;
+        for (index, pivot) in pivots.into_iter().enumerate() {
+            let [parent] = parents[index];
+            if parent >= index as f32 {
+                return Err(self.wrong(format!("branch {index} stands before its bearer")));
+            }
+            self.model.branches.push(Branch {
+                parent: (parent >= 0.0).then_some(parent as u32),
+                pivot: z_up(pivot),
+                stiffness: stiffness[index][0],
+                phase: phases[index][0],
+            });
+        }
+        Ok(())
+    }
+
+    /// Which branch each vertex or place follows.
+    fn branch_column(&self, accessor: Option<usize>, count: usize) -> Result<Vec<u32>> {
+        let numbers = self.optional::<1>(accessor, count)?;
+        // Foreign files may use the name for something else.
+        let is_ours =
+            numbers.iter().all(|&[i]| i >= 0.0 && (i as usize) < self.model.branches.len());
+        Ok(if is_ours { numbers.iter().map(|&[i]| i as u32).collect() } else { Vec::new() })
     }
 
     /// Visits the nodes of the scene, parents first, in the order of the file.
@@ -110,9 +192,11 @@ impl<'a> Reader<'a> {
             }
             Some(instancing) => {
                 let placements = self.placements(&instancing.attributes, world_from_node)?;
+                let branches =
+                    self.branch_column(instancing.attributes.branch, placements.len())?;
                 let name = node.name.clone().unwrap_or_else(|| format!("organ-{index}"));
                 let meshes = meshes.into_iter().map(turned).collect();
-                self.model.organs.push(Organ { name, meshes, placements });
+                self.model.organs.push(Organ { name, meshes, placements, branches });
             }
         }
         Ok(())
@@ -126,7 +210,12 @@ impl<'a> Reader<'a> {
         };
         let positions = self.numbers.vectors::<3>(position)?;
         let normals = self.optional::<3>(primitive.attributes.normal, positions.len())?;
-        let uvs = self.optional::<2>(primitive.attributes.uv, positions.len())?;
+        let mut uvs = self.optional::<2>(primitive.attributes.uv, positions.len())?;
+        let branches = self.branch_column(primitive.attributes.branch, positions.len())?;
+        let entry = primitive.material.and_then(|index| self.document.materials.get(index));
+        if let Some(transform) = entry.and_then(paint_of).and_then(bent_transform) {
+            uvs.iter_mut().for_each(|uv| *uv = moved_uv(*uv, transform));
+        }
         let indices = match primitive.indices {
             Some(index) => self.numbers.indices(index)?,
             None => (0..positions.len() as u32).collect(),
@@ -137,7 +226,7 @@ impl<'a> Reader<'a> {
             Some(index) => u32::try_from(index).unwrap_or(u32::MAX),
             None => self.plain_material(),
         };
-        let mesh = Mesh { positions, normals, uvs, triangles, material };
+        let mesh = Mesh { positions, normals, uvs, triangles, material, branches };
         match mesh.is_sound(self.model.materials.len()) {
             true => Ok(Some(mesh)),
             false => Err(self.wrong("a mesh names a vertex or material that is not there".into())),
@@ -346,7 +435,59 @@ fn material(entry: &MaterialEntry) -> Material {
             (None, Some(radiance)) => Surface::Light { radiance },
             (None, None) => Surface::Opaque,
         },
+        paint: None,
+        cutout: cutout(entry),
     }
+}
+
+/// Coverage below which a surface is not there. What fades softly is cut at one half.
+fn cutout(entry: &MaterialEntry) -> Option<f32> {
+    let cutoff = match entry.alpha_mode.as_deref() {
+        Some("MASK") => entry.alpha_cutoff.unwrap_or(0.5),
+        Some("BLEND") => 0.5,
+        _ => return None,
+    };
+    let [.., factor] = entry.pbr_metallic_roughness.base_color_factor.unwrap_or([1.0; 4]);
+    // A cutoff of 0 lets everything through.
+    let cutout = if factor == 1.0 { cutoff } else { cutoff / factor };
+    (cutout > 0.0).then_some(cutout.min(1.0))
+}
+
+/// The texture that gives a material its colour, if it uses the coordinates that we read.
+fn paint_of(entry: &MaterialEntry) -> Option<&TextureInfo> {
+    entry.pbr_metallic_roughness.base_color_texture.as_ref().filter(|info| info.tex_coord == 0)
+}
+
+/// What one copy of a texture covers: as we wrote it, or from a transform that only scales.
+fn paint_size(entry: &MaterialEntry, info: &TextureInfo) -> [f32; 2] {
+    let ours = entry.extras.get("weald").and_then(|ours| ours.get("size"));
+    let scale = info.extensions.transform.as_ref().and_then(|transform| transform.scale);
+    let given = || match (bent_transform(info), scale) {
+        (None, Some(scale)) => scale.map(|part| 1.0 / part),
+        _ => [1.0; 2],
+    };
+    let size: Option<[f32; 2]> = ours.and_then(|size| serde_json::from_value(size.clone()).ok());
+    let is_sound = |size: &[f32; 2]| size.iter().all(|side| side.is_finite() && *side > 0.0);
+    size.filter(is_sound).unwrap_or_else(given)
+}
+
+/// A transform of texture coordinates that does more than scale them up or down.
+fn bent_transform(info: &TextureInfo) -> Option<&TextureTransform> {
+    let is_bent = |transform: &&TextureTransform| {
+        let scale = transform.scale.unwrap_or([1.0; 2]);
+        let is_even = scale.iter().all(|part| *part > 0.0 && part.recip().is_finite());
+        transform.offset != [0.0; 2] || transform.rotation != 0.0 || !is_even
+    };
+    info.extensions.transform.as_ref().filter(is_bent)
+}
+
+/// Texture coordinates scaled, turned and moved, as `KHR_texture_transform` asks.
+fn moved_uv([u, v]: [f32; 2], transform: &TextureTransform) -> [f32; 2] {
+    let [width, height] = transform.scale.unwrap_or([1.0; 2]);
+    let (u, v) = (u * width, v * height);
+    let (sin, cos) = transform.rotation.sin_cos();
+    let [x, y] = transform.offset;
+    [u * cos + v * sin + x, v * cos - u * sin + y]
 }
 
 /// Radiance of a material that shines, kcd/m²: glTF counts in cd/m².
@@ -433,7 +574,7 @@ mod tests {
         // 10,000 nodes name one mesh of 10,000 parts that draw nothing.
         let parts: Vec<Primitive> = (0..10_000).map(|_| Primitive::default()).collect();
         let nodes = (0..10_000).map(|_| Node { mesh: Some(0), ..Node::default() }).collect();
-        let scene = glb::Scene { name: None, nodes: (0..10_000).collect() };
+        let scene = glb::Scene { nodes: (0..10_000).collect(), ..glb::Scene::default() };
         let meshes = vec![glb::MeshEntry { primitives: parts }];
         let document = Document { nodes, meshes, scenes: vec![scene], ..Document::default() };
         let error = Reader::new(Path::new("bomb.glb"), &document).scene().unwrap_err();

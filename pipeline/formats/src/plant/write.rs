@@ -1,12 +1,12 @@
 //! Writing a plant as GLB.
 
 use super::glb::{BINARY_CHUNK, JSON_CHUNK, MAGIC};
-use super::y_up;
+use super::{texture, y_up};
 use crate::error::{Error, Result};
 use crate::provenance::Provenance;
 use serde_json::{Map, Value as Json, json};
 use std::path::Path;
-use weald_contract::{Material, Mesh, Organ, Placement, PlantModel, Surface};
+use weald_contract::{Branch, Material, Mesh, Organ, Paint, Placement, PlantModel, Surface};
 
 /// Component type of 32-bit floats [glTF] §3.6.2.2.
 const FLOAT: u32 = 5126;
@@ -20,6 +20,11 @@ const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 pub(super) fn to_glb(path: &Path, model: &PlantModel, provenance: &Provenance) -> Result<Vec<u8>> {
     check(path, model)?;
     let mut scene = Scene::default();
+    for texture in &model.textures {
+        let view = scene.view(texture::to_png(path, texture)?, None);
+        let image = json!({ "name": texture.name, "bufferView": view, "mimeType": "image/png" });
+        scene.images.push(image);
+    }
     for mesh in model.wood.iter().filter(|mesh| draws(mesh)) {
         let primitive = scene.primitive(mesh);
         scene.node("wood", vec![primitive], None);
@@ -32,7 +37,11 @@ pub(super) fn to_glb(path: &Path, model: &PlantModel, provenance: &Provenance) -
             scene.node(&organ.name, primitives, Some(instancing));
         }
     }
-    let document = scene.document(model, provenance);
+    let branches = scene.branches(&model.branches);
+    let mut document = scene.document(model, provenance);
+    if let Some(branches) = branches {
+        document["scenes"][0]["extras"] = json!({ "weald": { "branches": branches } });
+    }
     assemble(path, &document, scene.binary)
 }
 
@@ -66,7 +75,52 @@ fn check(path: &Path, model: &PlantModel) -> Result<()> {
             return Err(Error::invalid(path, message, ""));
         }
     }
+    check_paint(path, model)?;
+    check_branches(path, model)
+}
+
+fn check_paint(path: &Path, model: &PlantModel) -> Result<()> {
+    if let Some(texture) = model.textures.iter().find(|texture| !texture.is_sound()) {
+        let message = format!("the texture `{}` has not one texel a place", texture.name);
+        return Err(Error::invalid(path, message, ""));
+    }
+    for material in &model.materials {
+        let is_sound = |paint: &Paint| {
+            (paint.texture as usize) < model.textures.len()
+                && paint.size.iter().all(|side| side.is_finite() && *side > 0.0)
+        };
+        let fits = material.paint.as_ref().is_none_or(is_sound)
+            && material.cutout.is_none_or(|cutout| cutout > 0.0 && cutout <= 1.0);
+        if !fits {
+            let message = format!("the paint of material `{}` is unsound", material.name);
+            let hint = "its texture must exist, its size be positive and its cutout in (0, 1]";
+            return Err(Error::invalid(path, message, hint));
+        }
+    }
     Ok(())
+}
+
+fn check_branches(path: &Path, model: &PlantModel) -> Result<()> {
+    let mut found = model.branches.iter().enumerate();
+    let is_sound = |(index, branch): (usize, &Branch)| {
+        let mut numbers = branch.pivot.iter().chain([&branch.stiffness, &branch.phase]);
+        branch.parent.is_none_or(|parent| (parent as usize) < index)
+            && numbers.all(|number| number.is_finite())
+    };
+    let meshes = model.wood.iter().chain(model.organs.iter().flat_map(|organ| &organ.meshes));
+    let lists = meshes.map(|mesh| &mesh.branches).chain(model.organs.iter().map(|o| &o.branches));
+    let exists = |index: &u32| (*index as usize) < model.branches.len();
+    let is_complete = |organ: &Organ| [0, organ.placements.len()].contains(&organ.branches.len());
+    if found.all(is_sound)
+        && lists.flatten().all(exists)
+        && model.organs.iter().all(is_complete)
+        // The file keeps indices as floats, which are exact below this.
+        && model.branches.len() < 1 << 24
+    {
+        return Ok(());
+    }
+    let hint = "bearers come first, indices are in range and there is one a vertex or place";
+    Err(Error::invalid(path, "the branches that wind moves are unsound".to_owned(), hint))
 }
 
 /// The document as it grows.
@@ -76,6 +130,7 @@ struct Scene {
     meshes: Vec<Json>,
     accessors: Vec<Json>,
     views: Vec<Json>,
+    images: Vec<Json>,
     binary: Vec<u8>,
     has_instances: bool,
 }
@@ -106,6 +161,9 @@ impl Scene {
             let uv = self.vectors(&mesh.uvs, Some(ARRAY_BUFFER), false);
             attributes.insert("TEXCOORD_0".into(), uv.into());
         }
+        if let Some(branch) = self.branch_column(&mesh.branches, Some(ARRAY_BUFFER)) {
+            attributes.insert("_BRANCH".into(), branch.into());
+        }
         let indices = self.indices(&mesh.triangles);
         json!({ "attributes": attributes, "indices": indices, "material": mesh.material })
     }
@@ -125,7 +183,35 @@ impl Scene {
         let rotation = self.vectors(&rotations, None, false);
         let scales = column(|place| [place.scale[0], place.scale[2], place.scale[1]]);
         let scale = self.vectors(&scales, None, false);
-        json!({ "attributes": { "TRANSLATION": translation, "ROTATION": rotation, "SCALE": scale } })
+        let mut attributes =
+            json!({ "TRANSLATION": translation, "ROTATION": rotation, "SCALE": scale });
+        if let Some(branch) = self.branch_column(&organ.branches, None) {
+            attributes["_BRANCH"] = branch.into();
+        }
+        json!({ "attributes": attributes })
+    }
+
+    /// Adds the branch of each vertex or place; glTF allows no 32-bit integers here.
+    fn branch_column(&mut self, branches: &[u32], target: Option<u32>) -> Option<usize> {
+        let numbers: Vec<[f32; 1]> = branches.iter().map(|&index| [index as f32]).collect();
+        (!numbers.is_empty()).then(|| self.vectors(&numbers, target, false))
+    }
+
+    /// Adds the table of branches; returns the accessor of each of its columns.
+    fn branches(&mut self, branches: &[Branch]) -> Option<Json> {
+        if branches.is_empty() {
+            return None;
+        }
+        let mut column = |get: &dyn Fn(&Branch) -> f32| {
+            let numbers: Vec<[f32; 1]> = branches.iter().map(|branch| [get(branch)]).collect();
+            self.vectors(&numbers, None, false)
+        };
+        let parent = column(&|branch| branch.parent.map_or(-1.0, |index| index as f32));
+        let stiffness = column(&|branch| branch.stiffness);
+        let phase = column(&|branch| branch.phase);
+        let pivots: Vec<[f32; 3]> = branches.iter().map(|branch| y_up(branch.pivot)).collect();
+        let pivot = self.vectors(&pivots, None, false);
+        Some(json!({ "parent": parent, "pivot": pivot, "stiffness": stiffness, "phase": phase }))
     }
 
     /// Adds an accessor of vectors; returns its index.
@@ -162,7 +248,7 @@ impl Scene {
         self.accessors.len() - 1
     }
 
-    /// Adds bytes, whose number is a multiple of four, and returns the index of their view.
+    /// Adds bytes and returns the index of their view.
     fn view(&mut self, mut bytes: Vec<u8>, target: Option<u32>) -> usize {
         let mut view = json!({
             "buffer": 0, "byteOffset": self.binary.len(), "byteLength": bytes.len(),
@@ -172,6 +258,8 @@ impl Scene {
         }
         self.views.push(view);
         self.binary.append(&mut bytes);
+        // Every view begins at a multiple of four.
+        self.binary.resize(self.binary.len().next_multiple_of(4), 0);
         self.views.len() - 1
     }
 
@@ -188,6 +276,10 @@ impl Scene {
         if model.materials.iter().any(is_light) {
             extensions.push("KHR_materials_emissive_strength");
         }
+        let is_scaled = |material: &Material| material.paint.is_some_and(|p| p.size != [1.0; 2]);
+        if model.materials.iter().any(is_scaled) {
+            extensions.push("KHR_texture_transform");
+        }
         let mut document = json!({
             "asset": {
                 "version": "2.0",
@@ -198,7 +290,9 @@ impl Scene {
             "scenes": [{ "name": model.name }],
         });
         let nodes: Vec<usize> = (0..self.nodes.len()).collect();
-        let materials: Vec<Json> = model.materials.iter().map(material).collect();
+        let materials: Vec<Json> = model.materials.iter().map(painted).collect();
+        let textures: Vec<Json> =
+            (0..self.images.len()).map(|i| json!({ "source": i, "sampler": 0 })).collect();
         let mut set = |name: &str, list: Vec<Json>| {
             // glTF forbids empty lists.
             if !list.is_empty() {
@@ -209,6 +303,12 @@ impl Scene {
         set("nodes", std::mem::take(&mut self.nodes));
         set("meshes", std::mem::take(&mut self.meshes));
         set("materials", materials);
+        if !textures.is_empty() {
+            // Linear between texels and levels; repeated, as is the default.
+            set("samplers", vec![json!({ "magFilter": 9729, "minFilter": 9987 })]);
+        }
+        set("textures", textures);
+        set("images", std::mem::take(&mut self.images));
         set("accessors", std::mem::take(&mut self.accessors));
         set("bufferViews", std::mem::take(&mut self.views));
         if !self.binary.is_empty() {
@@ -225,13 +325,35 @@ fn bytemuck_le(numbers: &[f32]) -> Vec<u8> {
     numbers.iter().flat_map(|number| number.to_le_bytes()).collect()
 }
 
+/// A material with its texture.
+fn painted(material: &Material) -> Json {
+    let mut json = plain(material);
+    if let Some(cutout) = material.cutout {
+        json["alphaMode"] = "MASK".into();
+        json["alphaCutoff"] = cutout.into();
+    }
+    let Some(Paint { texture, size }) = material.paint else { return json };
+    let mut info = json!({ "index": texture });
+    if size != [1.0; 2] {
+        let scale = size.map(|side| 1.0 / side);
+        info["extensions"] = json!({ "KHR_texture_transform": { "scale": scale } });
+        json["extras"]["weald"]["size"] = json!(size);
+    }
+    if matches!(material.surface, Surface::Leaf { .. }) {
+        json["extensions"]["KHR_materials_diffuse_transmission"]["diffuseTransmissionColorTexture"] =
+            info.clone();
+    }
+    json["pbrMetallicRoughness"]["baseColorTexture"] = info;
+    json
+}
+
 /// A material for viewers, with our own numbers in `extras`.
 ///
 /// glTF mixes a reflecting and a transmitting sheet: reflectance = (1 - f) · base and
 /// transmittance = f · colour. Any f between the largest transmittance and one minus the largest
 /// reflectance gives factors of at most 1; the share of the light that passes lies there.
-fn material(material: &Material) -> Json {
-    let Material { name, reflectance, roughness, surface } = material;
+fn plain(material: &Material) -> Json {
+    let Material { name, reflectance, roughness, surface, .. } = material;
     let pbr = |[r, g, b]: [f32; 3]| {
         json!({
             "baseColorFactor": [r, g, b, 1.0], "metallicFactor": 0.0, "roughnessFactor": roughness,

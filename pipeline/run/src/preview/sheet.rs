@@ -199,13 +199,13 @@ mod tests {
             name: "bark".into(),
             reflectance: [0.3, 0.2, 0.1],
             roughness: 1.0,
-            surface: Surface::Opaque,
+            ..Material::default()
         };
         PlantModel {
             name: "post".into(),
             materials: vec![material],
             wood: vec![mesh],
-            organs: vec![],
+            ..PlantModel::default()
         }
     }
 

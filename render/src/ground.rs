@@ -11,7 +11,7 @@ use crate::noise::{cloudy, smoothstep, value};
 use crate::primitive::Face;
 use glam::Vec3;
 use rayon::prelude::*;
-use weald_contract::{Frame, Grid, Layers};
+use weald_contract::{Frame, Grid, Layers, Mesh};
 
 /// Distances beyond the outermost cell centres at which the surroundings have vertices, m.
 const BEYOND: [f64; 12] =
@@ -118,6 +118,26 @@ pub(crate) fn build(terrain: &Layers, origin: [f64; 3]) -> Result<Ground, Error>
         }
     }
     Ok(Ground { triangles, water: water(terrain, altitude, origin)? })
+}
+
+/// The ground and the water as [`Scene::build`](crate::Scene::build) draws them, for other
+/// programs: scene-local metres, three vertices a triangle.
+///
+/// # Errors
+/// As the terrain of a scene.
+pub fn mesh(terrain: &Layers) -> Result<[Mesh; 2], Error> {
+    let ground = build(terrain, origin(terrain)?)?;
+    let soup = |triangles: &[Triangle]| {
+        let mut mesh = Mesh::default();
+        for (triangle, first) in triangles.iter().zip((0u32..).step_by(3)) {
+            let at = |u, v| triangle.face.normal(u, v).to_array();
+            mesh.positions.extend(triangle.corners.map(|corner| corner.to_array()));
+            mesh.normals.extend([at(0.0, 0.0), at(1.0, 0.0), at(0.0, 1.0)]);
+            mesh.triangles.push([first, first + 1, first + 2]);
+        }
+        mesh
+    };
+    Ok([soup(&ground.triangles), soup(&ground.water)])
 }
 
 /// A rectangle of coarse quads: columns `west..east`, rows `north..south` of cell centres.

@@ -20,6 +20,7 @@ mod ground;
 mod noise;
 mod path;
 mod primitive;
+pub mod probe;
 mod sampler;
 mod scene;
 mod sky;
@@ -27,8 +28,10 @@ mod tone;
 mod water;
 
 pub use config::{Config, Sky};
+pub use ground::mesh as ground_mesh;
 pub use film::{Film, FilmStatistics};
-pub use path::{probe, render};
+pub use path::render;
+pub use probe::probe;
 pub use scene::{Object, Parts, PrototypeSource, Scene, Statistics, estimate_bytes};
 pub use tone::tone_map;
 

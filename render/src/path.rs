@@ -7,7 +7,7 @@
 //! for the eye itself and its mirror image in water. Paths end at random once they carry little
 //! [AK90].
 
-use crate::accel::{Bounds, Hit, Place, Ray, Scratch as Stack};
+use crate::accel::{Hit, Place, Ray, Scratch as Stack};
 use crate::bsdf::{Bsdf, Material, any_direction};
 use crate::camera::{Camera, Filter};
 use crate::film::{Film, FilmStatistics, Pixel};
@@ -670,38 +670,6 @@ fn clearance(position: Vec3) -> f32 {
     1e-4 + 1.5e-6 * position.abs().max_element()
 }
 
-/// Traces `count` rays from random places above the ground in random directions and returns how
-/// many met something: a benchmark of bare traversal, without shading.
-pub fn probe(scene: &Scene, count: u64, seed: Seed) -> u64 {
-    let bounds = scene.bounds();
-    /// Rays that one task traces.
-    const BATCH: u64 = 4096;
-    let batch = |number: u64| {
-        let mut stack = Stack::default();
-        let rays =
-            probe_rays(bounds, seed, number).take(BATCH.min(count - number * BATCH) as usize);
-        let is_met =
-            |ray: &Ray| scene.levels.nearest(scene.solid, ray, f32::INFINITY, &mut stack).is_some();
-        rays.filter(is_met).count() as u64
-    };
-    (0..count.div_ceil(BATCH)).into_par_iter().map(batch).sum()
-}
-
-/// A series of rays from the middle of a box, where the plants are, at the height of a person.
-fn probe_rays(bounds: Bounds, seed: Seed, number: u64) -> impl Iterator<Item = Ray> {
-    let mut chance = seed.stream("probe", number);
-    std::iter::repeat_with(move || {
-        let mut at = |low: f32, high: f32| {
-            0.5 * (low + high) + 0.02 * (high - low) * chance.around(0.0, 1.0) as f32
-        };
-        let x = at(bounds.low.x, bounds.high.x);
-        let y = at(bounds.low.y, bounds.high.y);
-        let origin = Vec3::new(x, y, bounds.low.z + 3.0);
-        let u = [chance.unit() as f32, chance.unit() as f32];
-        Ray { origin, direction: any_direction(u) }
-    })
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -983,7 +951,7 @@ mod tests {
             .collect();
         let scene = Scene::of_mesh(&list, vec![material(0.5, 0.0)], Dome::constant(1.0));
         let count = 1_000_000;
-        let rays: Vec<Ray> = probe_rays(scene.bounds(), Seed(1), 0).take(count).collect();
+        let rays: Vec<Ray> = crate::probe::random_rays(scene.bounds(), Seed(1), 0).take(count).collect();
         let best = |name: &str, walk: &mut dyn FnMut(&Ray) -> bool| {
             let mut once = || {
                 let start = Instant::now();

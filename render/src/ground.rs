@@ -232,9 +232,9 @@ impl Sheet {
             let corner = |(c, r): (usize, usize)| (vertex(c, r), self.normal(c, r));
             let (nw, ne) = (corner((column, row)), corner((column + 1, row)));
             let (sw, se) = (corner((column, row + 1)), corner((column + 1, row + 1)));
-            [[sw, se, ne], [sw, ne, nw]].map(|three| Triangle {
-                corners: three.map(|(position, _)| position),
-                face: Face::new(three.map(|(_, normal)| normal), material),
+            [[sw, se, ne], [sw, ne, nw]].map(|three| {
+                let face = Face::new(three.map(|(_, normal)| normal), material);
+                Triangle::new(three.map(|(position, _)| position), face)
             })
         };
         let line = |row: usize| {

@@ -692,7 +692,7 @@ mod tests {
 
     fn triangle(corners: [Vec3; 3]) -> Triangle {
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize();
-        Triangle { corners, face: Face::new([normal; 3], 0) }
+        Triangle::new(corners, Face::new([normal; 3], 0))
     }
 
     /// Level ground of 200 m at height 0.

@@ -25,6 +25,24 @@ impl Face {
         Self { normals, ..self }
     }
 
+    /// The same face counted from another corner.
+    pub fn rotated(self, by: usize) -> Self {
+        Self { normals: [0, 1, 2].map(|i| self.normals[(by + i) % 3]), ..self }
+    }
+
+    /// Whether this face, drawn on beyond its second and third corner, is `other`, which has
+    /// those two the other way round and a new corner before them.
+    pub fn continues(&self, other: &Face) -> bool {
+        let [a, b, c] = self.normals;
+        let [d, e, f] = other.normals;
+        if (self.material, self.shade) != (other.material, other.shade) || (e, f) != (c, b) {
+            return false;
+        }
+        let beyond = unpack_normal(b) + unpack_normal(c) - unpack_normal(a);
+        // Half a degree is less than anyone sees.
+        (a == b && b == c && c == d) || beyond.normalize().dot(unpack_normal(d)) > 0.99996
+    }
+
     /// Interpolated normal; `u` and `v` weigh the second and third corner.
     pub fn normal(&self, u: f32, v: f32) -> Vec3 {
         let [a, b, c] = self.normals;

@@ -1,6 +1,6 @@
 //! The scene: ground, water, plants and objects put together for tracing.
 
-use crate::accel::{Bounds, Instance, Level, Levels, MAX_DEPTH, Triangle};
+use crate::accel::{Bounds, Instance, Level, Levels, MAX_DEPTH, Triangle, join_pairs};
 use crate::bsdf::Material;
 use crate::ground::{self, Colors, Crown};
 use crate::primitive::Face;
@@ -131,8 +131,8 @@ impl Scene {
         let origin = ground::origin(parts.terrain)?;
         let ground = ground::build(parts.terrain, origin)?;
         let mut assembly = Assembly::new(origin);
-        assembly.push(Level::mesh(&ground.triangles), 0);
-        assembly.push(Level::mesh(&ground.water), 0);
+        assembly.push(Level::mesh(&join_pairs(&ground.triangles)), 0);
+        assembly.push(Level::mesh(&join_pairs(&ground.water)), 0);
         let rows = rows_by_group(parts.instances);
         assembly.add_plants(parts, &rows, progress)?;
         assembly.add_groups(parts, &rows)?;
@@ -496,9 +496,9 @@ impl Assembly {
         for level in &self.levels {
             statistics.bytes += level.bytes();
             match &level.content {
-                Content::Mesh { faces, .. } => {
-                    statistics.unique_primitives += faces.len() as u64;
-                    seen.push(faces.len() as u128);
+                Content::Mesh { count, .. } => {
+                    statistics.unique_primitives += count;
+                    seen.push(u128::from(*count));
                 }
                 Content::Group { instances, .. } => {
                     seen.push(instances.iter().map(|i| seen[i.level as usize]).sum());
@@ -627,7 +627,7 @@ fn flatten(model: &PlantModel, what: &str, base: u16) -> Result<Vec<Triangle>, E
             limit: u32::MAX as usize / 8,
         });
     }
-    Ok(triangles)
+    Ok(join_pairs(&triangles))
 }
 
 /// What is wrong with a mesh, if anything is.
@@ -661,7 +661,7 @@ fn append(
                 if n.is_finite() { n } else { flat }
             })
         };
-        triangles.push(Triangle { corners, face: Face::new(normals, base + mesh.material as u16) });
+        triangles.push(Triangle::new(corners, Face::new(normals, base + mesh.material as u16)));
     }
 }
 

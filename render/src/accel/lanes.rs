@@ -4,7 +4,7 @@
 //! and AVX2 chosen at run time. Neither uses fused multiply-add, so both give the same bits.
 
 use super::Bounds;
-use super::level::Block;
+use super::level::{Block, HALF};
 use glam::{Vec3, Vec3A};
 
 /// Bit of a child link that marks a leaf.
@@ -103,6 +103,14 @@ pub(crate) struct TriangleHits {
     pub v: [f32; 8],
 }
 
+impl TriangleHits {
+    /// Nothing met.
+    pub const NONE: Self = Self { mask: 0, t: [0.0; 8], u: [0.0; 8], v: [0.0; 8] };
+}
+
+/// Bit of a float's sign.
+const SIGN: u32 = 1 << 31;
+
 /// A way to test eight at once.
 pub(crate) trait Lanes {
     /// Boxes that the ray meets between 0 and `limit`.
@@ -111,8 +119,9 @@ pub(crate) trait Lanes {
     /// The processor has the features that the implementation needs.
     unsafe fn boxes(node: &Node, ray: &LocalRay, limit: f32) -> LaneHits;
 
-    /// Triangles that the ray meets between 0 and `limit`, exclusive, from either side
-    /// [MT97]. Degenerate triangles have a determinant of 0 and are never met.
+    /// Triangles and parallelograms that the ray meets between 0 and `limit`, exclusive, from
+    /// either side [MT97]. Degenerate ones have a determinant of 0 and are never met. The division
+    /// by the determinant is put off: most blocks are missed.
     ///
     /// # Safety
     /// The processor has the features that the implementation needs.
@@ -143,19 +152,24 @@ impl Lanes for Portable {
 
     #[inline(always)]
     unsafe fn triangles(block: &Block, ray: &LocalRay, limit: f32) -> TriangleHits {
-        let mut hits = TriangleHits { mask: 0, t: [0.0; 8], u: [0.0; 8], v: [0.0; 8] };
+        let mut hits = TriangleHits::NONE;
         for lane in 0..8 {
             let corner = Vec3::from_array([0, 1, 2].map(|axis| block.corner[axis][lane]));
             let edge_1 = Vec3::from_array([0, 1, 2].map(|axis| block.edge_1[axis][lane]));
             let edge_2 = Vec3::from_array([0, 1, 2].map(|axis| block.edge_2[axis][lane]));
             let p = cross(ray.direction, edge_2);
-            let inverse = 1.0 / dot(edge_1, p);
+            let determinant = dot(edge_1, p);
+            let size = determinant.abs();
+            let sign = |value: f32| f32::from_bits(value.to_bits() ^ determinant.to_bits() & SIGN);
             let s = ray.origin - corner;
             let q = cross(s, edge_1);
-            let u = dot(s, p) * inverse;
-            let v = dot(ray.direction, q) * inverse;
-            let t = dot(edge_2, q) * inverse;
-            let is_hit = u >= 0.0 && v >= 0.0 && u + v <= 1.0 && t > 0.0 && t < limit;
+            let u = sign(dot(s, p));
+            let v = sign(dot(ray.direction, q));
+            let reach = if block.face[lane] & HALF != 0 { if u > v { u } else { v } } else { u + v };
+            let inverse = 1.0 / size;
+            let (u, v, t) = (u * inverse, v * inverse, sign(dot(edge_2, q)) * inverse);
+            let is_inside = u >= 0.0 && v >= 0.0 && reach <= size && size > 0.0;
+            let is_hit = is_inside && t > 0.0 && t < limit;
             hits.mask |= u32::from(is_hit) << lane;
             (hits.t[lane], hits.u[lane], hits.v[lane]) = (t, u, v);
         }
@@ -223,8 +237,13 @@ mod avx2 {
         for (axis, origin) in o.into_iter().enumerate() {
             let origin = _mm256_set1_ps(origin);
             let inverse = _mm256_set1_ps(ray.inverse[axis]);
-            let enter = _mm256_sub_ps(load(&node.planes[ray.near[axis]]), origin);
-            let leave = _mm256_sub_ps(load(&node.planes[ray.far[axis]]), origin);
+            // SAFETY: rows are numbers below 6, see `LocalRay::new`.
+            let (enter, leave) = unsafe {
+                let planes = &node.planes;
+                (planes.get_unchecked(ray.near[axis]), planes.get_unchecked(ray.far[axis]))
+            };
+            let enter = _mm256_sub_ps(load(enter), origin);
+            let leave = _mm256_sub_ps(load(leave), origin);
             // These return the second operand when one is NaN, as the plain version does.
             near = _mm256_max_ps(_mm256_mul_ps(enter, inverse), near);
             far = _mm256_min_ps(_mm256_mul_ps(leave, inverse), far);
@@ -267,22 +286,31 @@ mod avx2 {
         ];
         let (zero, one) = (_mm256_setzero_ps(), _mm256_set1_ps(1.0));
         let p = cross(direction, edge_2);
-        let inverse = _mm256_div_ps(one, dot(edge_1, p));
+        let determinant = dot(edge_1, p);
+        let minus = _mm256_set1_ps(-0.0);
+        let sign = _mm256_and_ps(determinant, minus);
+        let size = _mm256_andnot_ps(minus, determinant);
         let q = cross(s, edge_1);
-        let u = _mm256_mul_ps(dot(s, p), inverse);
-        let v = _mm256_mul_ps(dot(direction, q), inverse);
-        let t = _mm256_mul_ps(dot(edge_2, q), inverse);
+        let u = _mm256_xor_ps(dot(s, p), sign);
+        let v = _mm256_xor_ps(dot(direction, q), sign);
+        // SAFETY: eight numbers of 32 bits; only their signs are looked at.
+        let halves = unsafe { _mm256_loadu_ps(block.face.as_ptr().cast()) };
+        let reach = _mm256_blendv_ps(_mm256_add_ps(u, v), _mm256_max_ps(u, v), halves);
         let in_u = _mm256_cmp_ps::<_CMP_GE_OQ>(u, zero);
         let in_v = _mm256_cmp_ps::<_CMP_GE_OQ>(v, zero);
-        let in_w = _mm256_cmp_ps::<_CMP_LE_OQ>(_mm256_add_ps(u, v), one);
+        let in_w = _mm256_cmp_ps::<_CMP_LE_OQ>(reach, size);
+        let is_some = _mm256_cmp_ps::<_CMP_GT_OQ>(size, zero);
+        let inside = _mm256_and_ps(_mm256_and_ps(in_u, in_v), _mm256_and_ps(in_w, is_some));
+        if _mm256_movemask_ps(inside) == 0 {
+            return TriangleHits::NONE;
+        }
+        let inverse = _mm256_div_ps(one, size);
+        let t = _mm256_mul_ps(_mm256_xor_ps(dot(edge_2, q), sign), inverse);
         let after = _mm256_cmp_ps::<_CMP_GT_OQ>(t, zero);
         let before = _mm256_cmp_ps::<_CMP_LT_OQ>(t, _mm256_set1_ps(limit));
-        let inside = _mm256_and_ps(_mm256_and_ps(in_u, in_v), in_w);
         let mask = _mm256_and_ps(inside, _mm256_and_ps(after, before));
         let mask = _mm256_movemask_ps(mask) as u32;
-        if mask == 0 {
-            return TriangleHits { mask, t: [0.0; 8], u: [0.0; 8], v: [0.0; 8] };
-        }
+        let (u, v) = (_mm256_mul_ps(u, inverse), _mm256_mul_ps(v, inverse));
         TriangleHits { mask, t: store(t), u: store(u), v: store(v) }
     }
 }

@@ -7,23 +7,29 @@ use crate::primitive::Face;
 use glam::{Mat3A, Quat, Vec3, Vec3A};
 use rayon::prelude::*;
 
-/// A triangle before it is packed.
+/// A triangle before it is packed, or the parallelogram that it is half of.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Triangle {
     pub corners: [Vec3; 3],
     pub face: Face,
+    /// Whether it stands for the whole parallelogram whose fourth corner lies opposite the first:
+    /// leaves are rectangles more often than not, and one test then serves for two triangles.
+    pub is_half: bool,
 }
 
-/// Up to eight triangles of a leaf, lane by lane: `[axis][lane]`.
+/// Up to eight triangles or parallelograms of a leaf, lane by lane: `[axis][lane]`.
 #[derive(Clone, Copy, Debug)]
 #[repr(C, align(32))]
 pub(crate) struct Block {
     pub corner: [[f32; 8]; 3],
     pub edge_1: [[f32; 8]; 3],
     pub edge_2: [[f32; 8]; 3],
-    /// Index of each triangle's face.
+    /// Index of each triangle's face; [`HALF`] is set where the parallelogram is meant.
     pub face: [u32; 8],
 }
+
+/// Bit of a face's index that marks a parallelogram: the sign, by which vectors blend.
+pub(crate) const HALF: u32 = 1 << 31;
 
 /// A placement: scaled, then rotated, then moved.
 #[derive(Clone, Copy, Debug)]
@@ -45,7 +51,12 @@ pub(crate) struct Level {
 /// What the leaves of a level hold.
 pub(crate) enum Content {
     /// Triangles; leaf number `i` is block number `i`.
-    Mesh { blocks: Vec<Block>, faces: Vec<Face> },
+    Mesh {
+        blocks: Vec<Block>,
+        faces: Vec<Face>,
+        /// Triangles, two for each parallelogram.
+        count: u64,
+    },
     /// Placements; leaf number `i` is instance number `i`.
     Group {
         instances: Vec<Instance>,
@@ -61,6 +72,54 @@ const EMPTY_BLOCK: Block =
 /// Triangles in a leaf of a mesh: as many as are tested at once.
 const BLOCK_SIZE: usize = 8;
 
+impl Triangle {
+    /// A triangle and no more.
+    pub fn new(corners: [Vec3; 3], face: Face) -> Self {
+        Self { corners, face, is_half: false }
+    }
+
+    /// The parallelogram of two triangles that share an edge, if they make one: in shape within
+    /// rounding, in material and normals too.
+    pub fn joined(&self, other: &Triangle) -> Option<Triangle> {
+        // The corner that the other lacks comes first, so that the shared edge lies opposite.
+        let turn = (0..3).find(|&i| !other.corners.contains(&self.corners[i]))?;
+        let [a, b, c] = [0, 1, 2].map(|i| self.corners[(turn + i) % 3]);
+        let far = (0..3).find(|&i| other.corners[i] != b && other.corners[i] != c)?;
+        let [d, e, f] = [0, 1, 2].map(|i| other.corners[(far + i) % 3]);
+        let rounding = 2.0 * f32::EPSILON * (a.abs() + b.abs() + c.abs() + d.abs()).max_element();
+        let slack = rounding + 1e-5 * (b - a).abs().max((c - a).abs()).max_element();
+        let is_whole = (e, f) == (c, b) && (b + c - a - d).abs().max_element() <= slack;
+        let face = self.face.rotated(turn);
+        (is_whole && !self.is_half && !other.is_half && face.continues(&other.face.rotated(far)))
+            .then_some(Triangle { corners: [a, b, c], face, is_half: true })
+    }
+
+    /// The smallest box around it.
+    pub fn bounds(&self) -> Bounds {
+        let [a, b, c] = self.corners.map(Vec3A::from);
+        let bounds = Bounds::of([a, b, c]);
+        if self.is_half { bounds.union(Bounds::of([b + c - a])) } else { bounds }
+    }
+
+    /// Triangles that it stands for.
+    fn count(&self) -> u64 {
+        1 + u64::from(self.is_half)
+    }
+}
+
+/// Joins neighbours in a list into parallelograms.
+pub(crate) fn join_pairs(triangles: &[Triangle]) -> Vec<Triangle> {
+    let mut joined = Vec::with_capacity(triangles.len());
+    let mut rest = triangles;
+    while let [first, tail @ ..] = rest {
+        let whole = tail.first().and_then(|second| first.joined(second));
+        joined.push(whole.unwrap_or(*first));
+        rest = if whole.is_some() { &tail[1..] } else { tail };
+    }
+    joined.shrink_to_fit();
+    joined
+}
+
 impl Block {
     /// The triangle's edges from its first corner.
     pub fn edges(&self, lane: usize) -> (Vec3, Vec3) {
@@ -70,12 +129,14 @@ impl Block {
 
     /// The triangles inside. Lanes are filled from the first on, and each face is used once.
     fn unpack(&self, faces: &[Face]) -> Vec<Triangle> {
-        let is_used = |&lane: &usize| lane == 0 || self.face[lane] > self.face[lane - 1];
+        let number = |lane: usize| self.face[lane] & !HALF;
+        let is_used = |&lane: &usize| lane == 0 || number(lane) > number(lane - 1);
         let triangle = |lane: usize| {
             let corner = Vec3::from_array([0, 1, 2].map(|axis| self.corner[axis][lane]));
             let (edge_1, edge_2) = self.edges(lane);
             let corners = [corner, corner + edge_1, corner + edge_2];
-            Triangle { corners, face: faces[self.face[lane] as usize] }
+            let is_half = self.face[lane] & HALF != 0;
+            Triangle { corners, face: faces[number(lane) as usize], is_half }
         };
         (0..BLOCK_SIZE).take_while(is_used).map(triangle).collect()
     }
@@ -89,7 +150,7 @@ impl Block {
                 block.edge_1[axis][lane] = b[axis] - a[axis];
                 block.edge_2[axis][lane] = c[axis] - a[axis];
             }
-            block.face[lane] = face;
+            block.face[lane] = if triangle.is_half { face | HALF } else { face };
         }
         block
     }
@@ -115,7 +176,7 @@ impl Instance {
     fn carry(&self, triangle: Triangle) -> Triangle {
         let out = |p: Vec3| self.turn(p) * self.scale + Vec3::from_array(self.position);
         let corners = triangle.corners.map(out);
-        Triangle { corners, face: triangle.face.turned(|normal| self.turn(normal)) }
+        Triangle { corners, face: triangle.face.turned(|normal| self.turn(normal)), ..triangle }
     }
 
     /// Box of a box that is placed.
@@ -143,10 +204,7 @@ fn rotate(q: Quat, v: Vec3) -> Vec3 {
 impl Level {
     /// A mesh. Faces are stored in the order of leaves, so that neighbours share cache lines.
     pub fn mesh(triangles: &[Triangle]) -> Self {
-        let boxes: Vec<Bounds> = triangles
-            .par_iter()
-            .map(|triangle| Bounds::of(triangle.corners.map(Vec3A::from)))
-            .collect();
+        let boxes: Vec<Bounds> = triangles.par_iter().map(Triangle::bounds).collect();
         let tree = build(&boxes, BLOCK_SIZE);
         let Wide { nodes, leaves } = widen(&tree);
         let faces = leaves.iter().flat_map(|&(first, count)| first..first + count);
@@ -163,7 +221,8 @@ impl Level {
                 Block::pack(items.iter().map(|&item| triangles[item as usize]).zip(face..))
             })
             .collect();
-        Self { nodes, content: Content::Mesh { blocks, faces } }
+        let count = triangles.iter().map(Triangle::count).sum();
+        Self { nodes, content: Content::Mesh { blocks, faces, count } }
     }
 
     /// A group of placements of `levels`, each with the plant that it stands for.
@@ -192,7 +251,7 @@ impl Level {
     /// All triangles with their faces, brought to where the level's placements put them.
     pub fn triangles(&self, levels: &[Level]) -> Vec<Triangle> {
         match &self.content {
-            Content::Mesh { blocks, faces } => {
+            Content::Mesh { blocks, faces, .. } => {
                 blocks.iter().flat_map(|block| block.unpack(faces)).collect()
             }
             Content::Group { instances, .. } => {
@@ -208,7 +267,7 @@ impl Level {
     /// Number of triangles that a ray can meet.
     pub fn triangle_count(&self, levels: &[Level]) -> u128 {
         match &self.content {
-            Content::Mesh { faces, .. } => faces.len() as u128,
+            Content::Mesh { count, .. } => u128::from(*count),
             Content::Group { instances, .. } => {
                 let inside = |i: &Instance| levels[i.level as usize].triangle_count(levels);
                 instances.iter().map(inside).sum()
@@ -237,7 +296,7 @@ impl Level {
     /// Memory of nodes, triangles and placements, bytes.
     pub fn bytes(&self) -> u64 {
         let content = match &self.content {
-            Content::Mesh { blocks, faces } => size_of_val(&blocks[..]) + size_of_val(&faces[..]),
+            Content::Mesh { blocks, faces, .. } => size_of_val(&blocks[..]) + size_of_val(&faces[..]),
             Content::Group { instances, plants } => {
                 size_of_val(&instances[..]) + size_of_val(&plants[..])
             }

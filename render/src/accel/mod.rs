@@ -21,5 +21,5 @@ mod level;
 mod traverse;
 
 pub(crate) use bounds::Bounds;
-pub(crate) use level::{Content, Instance, Level, Triangle};
+pub(crate) use level::{Content, Instance, Level, Triangle, join_pairs};
 pub(crate) use traverse::{Hit, Levels, MAX_DEPTH, Place, Ray, Scratch};

@@ -1,8 +1,8 @@
 //! Walking a ray through nested levels.
 
 use super::Bounds;
-use super::lanes::{LEAF, Lanes, LocalRay, Portable};
-use super::level::{Block, Content, Instance, Level};
+use super::lanes::{LEAF, LaneHits, Lanes, LocalRay, Node, Portable};
+use super::level::{Block, Content, HALF, Instance, Level};
 use crate::primitive::Face;
 use glam::Vec3;
 
@@ -61,10 +61,20 @@ pub(crate) struct Place {
 }
 
 /// Memory of a walk, kept between rays so that none of them allocates.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(crate) struct Scratch {
-    stack: Vec<Entry>,
+    stack: Box<[Entry; STACK]>,
 }
+
+impl Default for Scratch {
+    fn default() -> Self {
+        Self { stack: Box::new([Entry { link: 0, t: 0.0 }; STACK]) }
+    }
+}
+
+/// Subtrees that may wait at once, a power of two: binary trees are at most 80 deep (see `build`),
+/// each of their levels leaves seven siblings waiting at most, and nine trees may be nested.
+const STACK: usize = 8192;
 
 /// A subtree that is still to be walked.
 #[derive(Clone, Copy, Debug)]
@@ -139,10 +149,14 @@ impl Levels {
         hit: &mut Hit,
         scratch: &mut Scratch,
     ) -> bool {
-        scratch.stack.clear();
         let ray = LocalRay::new(ray.origin, ray.direction);
-        let mut walk =
-            Walk { levels: &self.list, path: [0; MAX_DEPTH], hit, stack: &mut scratch.stack };
+        let mut walk = Walk {
+            levels: &self.list,
+            path: [0; MAX_DEPTH],
+            hit,
+            stack: &mut scratch.stack,
+            top: 0,
+        };
         #[cfg(target_arch = "x86_64")]
         if self.has_avx2 {
             // SAFETY: `has_avx2` is only set when the processor says so.
@@ -189,9 +203,9 @@ impl Level {
     fn triangle(&self, number: u32) -> (Face, (Vec3, Vec3)) {
         let (block, lane) = (number as usize / 8, number as usize % 8);
         match &self.content {
-            Content::Mesh { blocks, faces } => {
+            Content::Mesh { blocks, faces, .. } => {
                 let block: &Block = &blocks[block];
-                (faces[block.face[lane] as usize], block.edges(lane))
+                (faces[(block.face[lane] & !HALF) as usize], block.edges(lane))
             }
             Content::Group { .. } => (Face::default(), (Vec3::X, Vec3::Y)),
         }
@@ -203,7 +217,39 @@ struct Walk<'a> {
     levels: &'a [Level],
     path: [u32; MAX_DEPTH],
     hit: &'a mut Hit,
-    stack: &'a mut Vec<Entry>,
+    stack: &'a mut [Entry; STACK],
+    /// Entries on the stack.
+    top: usize,
+}
+
+impl Walk<'_> {
+    /// The place of an entry; never out of range, and so not looked at twice.
+    #[inline(always)]
+    fn at(&mut self, index: usize) -> &mut Entry {
+        &mut self.stack[index & (STACK - 1)]
+    }
+
+    /// Pushes a child that was hit.
+    #[inline(always)]
+    fn push(&mut self, link: u32, t: f32) {
+        let top = self.top;
+        *self.at(top) = Entry { link, t };
+        self.top += 1;
+    }
+
+    /// Takes the next subtree that begins before the nearest hit so far, above `base`.
+    #[inline(always)]
+    fn pop(&mut self, base: usize) -> Option<u32> {
+        while self.top > base {
+            self.top -= 1;
+            let top = self.top;
+            let entry = *self.at(top);
+            if entry.t < self.hit.t {
+                return Some(entry.link);
+            }
+        }
+        None
+    }
 }
 
 /// Walks a level that an instance leads to, compiled for the same processor features.
@@ -252,67 +298,130 @@ unsafe fn walk_level<L: Lanes, const ANY: bool>(
     depth: usize,
     descend: Descend,
 ) -> bool {
-    let level = &walk.levels[number as usize];
-    if level.nodes.is_empty() {
-        return false;
-    }
-    // Entries of the levels above lie below this one and stay untouched.
-    let base = walk.stack.len();
-    let mut link = 0;
-    loop {
-        if link & LEAF == 0 {
-            // SAFETY: the caller vouches for the features.
-            let boxes = unsafe { L::boxes(&level.nodes[link as usize], ray, walk.hit.t) };
-            fetch_ahead(level, boxes.mask, &level.nodes[link as usize].links);
-            push::<ANY>(walk.stack, base, boxes.mask, &boxes.t, &level.nodes[link as usize].links);
-        } else {
-            let leaf = link & !LEAF;
-            let is_met = match &level.content {
-                Content::Mesh { blocks, .. } => {
-                    // SAFETY: the caller vouches for the features.
-                    let found = unsafe { L::triangles(&blocks[leaf as usize], ray, walk.hit.t) };
-                    record(walk, &found, number, leaf, depth)
-                }
-                Content::Group { instances, .. } => {
-                    let instance = &instances[leaf as usize];
-                    walk.path[depth] = leaf;
-                    let local = instance.enter(ray);
-                    // SAFETY: `descend` needs the same features as this walk.
-                    unsafe { descend(walk, instance.level, &local, depth + 1) }
-                }
+    let levels = walk.levels;
+    let level = &levels[number as usize];
+    match &level.content {
+        Content::Mesh { blocks, .. } => {
+            let leaf = |walk: &mut Walk<'_>, leaf: u32| {
+                // SAFETY: the caller vouches for the features.
+                let found = unsafe { L::triangles(&blocks[leaf as usize], ray, walk.hit.t) };
+                found.mask != 0 && record(walk, &found, number, leaf, depth)
             };
-            if ANY && is_met {
-                return true;
-            }
+            // SAFETY: as above.
+            unsafe { walk_tree::<L, Block, ANY>(walk, &level.nodes, blocks, ray, leaf) }
         }
-        // The next subtree that begins before the nearest hit so far.
-        link = loop {
-            if walk.stack.len() == base {
-                return false;
-            }
-            match walk.stack.pop() {
-                Some(entry) if entry.t < walk.hit.t => break entry.link,
-                Some(_) => {}
-                None => return false,
-            }
-        };
+        Content::Group { instances, .. } => {
+            let leaf = |walk: &mut Walk<'_>, leaf: u32| {
+                let instance = &instances[leaf as usize];
+                walk.path[depth] = leaf;
+                let local = instance.enter(ray);
+                // SAFETY: `descend` needs the same features as this walk.
+                unsafe { descend(walk, instance.level, &local, depth + 1) }
+            };
+            // SAFETY: as above.
+            unsafe { walk_tree::<L, Instance, ANY>(walk, &level.nodes, instances, ray, leaf) }
+        }
     }
 }
 
-/// Asks for the memory of children that will be walked soon: waiting for it is a third of the
-/// time of a walk through leaves.
+/// Walks a tree; `leaves` are only asked for ahead of time, `visit` looks at them.
+///
+/// # Safety
+/// The processor has the features that `L` needs.
 #[inline(always)]
-fn fetch_ahead(level: &Level, mut mask: u32, links: &[u32; 8]) {
-    while mask != 0 {
-        let link = links[mask.trailing_zeros() as usize];
-        mask &= mask - 1;
-        let index = (link & !LEAF) as usize;
-        match &level.content {
-            _ if link & LEAF == 0 => touch(&level.nodes, index),
-            Content::Mesh { blocks, .. } => touch(blocks, index),
-            Content::Group { instances, .. } => touch(instances, index),
+unsafe fn walk_tree<L: Lanes, T, const ANY: bool>(
+    walk: &mut Walk<'_>,
+    nodes: &[Node],
+    leaves: &[T],
+    ray: &LocalRay,
+    visit: impl Fn(&mut Walk<'_>, u32) -> bool,
+) -> bool {
+    if nodes.is_empty() {
+        return false;
+    }
+    // Entries of the levels above lie below this one and stay untouched.
+    let base = walk.top;
+    let mut link = 0;
+    loop {
+        if link & LEAF != 0 {
+            if visit(walk, link & !LEAF) && ANY {
+                return true;
+            }
+        } else {
+            let node = &nodes[link as usize];
+            // SAFETY: the caller vouches for the features.
+            let boxes = unsafe { L::boxes(node, ray, walk.hit.t) };
+            if boxes.mask != 0 {
+                link = nearest_child(walk, nodes, leaves, &boxes, &node.links);
+                continue;
+            }
+        }
+        match walk.pop(base) {
+            Some(next) => link = next,
+            None => return false,
         }
     }
+}
+
+/// The nearest of the children that were hit; the others wait, the farthest at the bottom. Any
+/// hit will do for a shadow, yet near ones are the likelier occluders.
+#[inline(always)]
+fn nearest_child<T>(
+    walk: &mut Walk<'_>,
+    nodes: &[Node],
+    leaves: &[T],
+    boxes: &LaneHits,
+    links: &[u32; 8],
+) -> u32 {
+    let mut mask = boxes.mask;
+    let mut take = || {
+        let lane = mask.trailing_zeros() as usize & 7;
+        mask &= mask - 1;
+        (links[lane], boxes.t[lane], mask)
+    };
+    let (first, first_t, rest) = take();
+    fetch_ahead(nodes, leaves, first);
+    if rest == 0 {
+        return first;
+    }
+    let (second, second_t, rest) = take();
+    fetch_ahead(nodes, leaves, second);
+    let (mut near, mut near_t) = (first, first_t);
+    let bottom = walk.top;
+    if second_t < first_t {
+        walk.push(first, first_t);
+        (near, near_t) = (second, second_t);
+    } else {
+        walk.push(second, second_t);
+    }
+    let mut rest = rest;
+    while rest != 0 {
+        let (link, t, left) = take();
+        rest = left;
+        fetch_ahead(nodes, leaves, link);
+        let (link, t) = if t < near_t {
+            (std::mem::replace(&mut near, link), std::mem::replace(&mut near_t, t))
+        } else {
+            (link, t)
+        };
+        // Insertion sort: two or three children are hit on average.
+        walk.push(link, t);
+        let mut slot = walk.top - 1;
+        while slot > bottom && walk.at(slot - 1).t < t {
+            *walk.at(slot) = *walk.at(slot - 1);
+            slot -= 1;
+        }
+        *walk.at(slot) = Entry { link, t };
+    }
+    near
+}
+
+/// Asks for the memory of a child that will be walked soon: waiting for it is a third of the time
+/// of a walk through leaves.
+#[inline(always)]
+fn fetch_ahead<T>(nodes: &[Node], leaves: &[T], link: u32) {
+    let index = (link & !LEAF) as usize;
+    if link & LEAF == 0 { touch(nodes, index) } else { touch(leaves, index) }
 }
 
 /// Asks for the cache lines of an element.
@@ -329,32 +438,6 @@ fn touch<T>(list: &[T], index: usize) {
     }
     #[cfg(not(target_arch = "x86_64"))]
     let _ = (list, index);
-}
-
-/// Pushes the children that were hit, the nearest last.
-#[inline(always)]
-fn push<const ANY: bool>(
-    stack: &mut Vec<Entry>,
-    base: usize,
-    mut mask: u32,
-    t: &[f32; 8],
-    links: &[u32; 8],
-) {
-    let first = stack.len().max(base);
-    while mask != 0 {
-        let lane = mask.trailing_zeros() as usize;
-        mask &= mask - 1;
-        let entry = Entry { link: links[lane], t: t[lane] };
-        stack.push(entry);
-        // Insertion sort: two or three children are hit on average. Any hit will do for a
-        // shadow, yet near ones are the likelier occluders.
-        let mut slot = stack.len() - 1;
-        while slot > first && stack[slot - 1].t < entry.t {
-            stack[slot] = stack[slot - 1];
-            slot -= 1;
-        }
-        stack[slot] = entry;
-    }
 }
 
 /// Keeps the nearest of the triangles that were met.
@@ -404,7 +487,7 @@ mod tests {
         let one = |chance: &mut Stream| {
             let a = point(chance, 1.0);
             let corners = [a, a + point(chance, size), a + point(chance, size)];
-            Triangle { corners, face: Face::default() }
+            Triangle::new(corners, Face::default())
         };
         (0..count).map(|_| one(chance)).collect()
     }
@@ -562,7 +645,7 @@ mod tests {
             [Vec3::new(-1.0, -1.0, 5.0), Vec3::new(3.0, -1.0, 5.0), Vec3::new(-1.0, 3.0, 5.0)];
         let mut list: Vec<Triangle> = Vec::new();
         for corners in [zero, line, far, real] {
-            list.extend([Triangle { corners, face: Face::default() }; 5]);
+            list.extend([Triangle::new(corners, Face::default()); 5]);
         }
         let levels = Levels::new(vec![Level::mesh(&list)]);
         let mut scratch = Scratch::default();
@@ -589,7 +672,7 @@ mod tests {
     #[test]
     fn a_turned_placement_turns_the_normal_and_names_its_plant() {
         let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
-        let mesh = Level::mesh(&[Triangle { corners, face: Face::new([Vec3::Z; 3], 7) }]);
+        let mesh = Level::mesh(&[Triangle::new(corners, Face::new([Vec3::Z; 3], 7))]);
         let turn = Quat::from_rotation_x(std::f32::consts::FRAC_PI_2);
         let instance =
             Instance { rotation: turn.to_array(), position: [5.0, 0.0, 0.0], scale: 2.0, level: 0 };
@@ -614,7 +697,7 @@ mod tests {
             let list: Vec<Triangle> = numbers
                 .chunks_exact(9)
                 .map(|nine| [corner(&nine[..3]), corner(&nine[3..6]), corner(&nine[6..])])
-                .map(|corners| Triangle { corners, face: Face::default() })
+                .map(|corners| Triangle::new(corners, Face::default()))
                 .collect();
             let mesh = Level::mesh(&list);
             let upright = Instance {

@@ -15,6 +15,9 @@ const PARALLEL: usize = 4096;
 /// Below this depth splits halve the number of items, so that no input makes a deep tree.
 const HEURISTIC_DEPTH: u32 = 48;
 
+/// Items of a binary leaf.
+const GRAIN: usize = 1;
+
 /// From this many items on, clustering builds several times faster than binning.
 const CLUSTER: usize = 4_000_000;
 
@@ -53,7 +56,7 @@ pub(crate) fn build(boxes: &[Bounds], leaf_size: usize) -> Binary {
     if boxes.len() >= CLUSTER { cluster(boxes, leaf_size) } else { bin(boxes, leaf_size) }
 }
 
-/// Binned surface-area heuristic.
+/// Binned surface-area heuristic, down to single items.
 pub(crate) fn bin(boxes: &[Bounds], leaf_size: usize) -> Binary {
     let mut items: Vec<Item> =
         boxes.iter().zip(0..).map(|(&bounds, index)| Item { bounds, index }).collect();
@@ -80,7 +83,7 @@ struct Place {
 fn split(items: &mut [Item], nodes: &mut [BinaryNode], place: Place) {
     let bounds = items.iter().fold(Bounds::EMPTY, |all, item| all.union(item.bounds));
     let (here, below) = nodes.split_at_mut(1);
-    if items.len() <= place.leaf_size {
+    if items.len() <= GRAIN.min(place.leaf_size) {
         let count = items.len() as u32;
         here[0] = BinaryNode { bounds, first: place.item, right: 0, count };
         return;
@@ -252,50 +255,133 @@ pub(crate) struct Wide {
     pub leaves: Vec<(u32, u32)>,
 }
 
-/// Collapses a binary tree: the child of the largest surface is opened until there are eight.
-pub(crate) fn widen(tree: &Binary) -> Wide {
+/// Cost of testing a block of a leaf, where testing the eight boxes of a node costs 1.
+const BLOCK_COST: f32 = 1.0;
+
+/// Collapses a binary tree so that the expected work is least [Ylitie17] §3: which subtrees become
+/// nodes of eight children, and which become leaves of at most `leaf_size` items.
+pub(crate) fn widen(tree: &Binary, leaf_size: usize) -> Wide {
     let mut wide = Wide { nodes: Vec::new(), leaves: Vec::new() };
     if tree.order.is_empty() {
         return wide;
     }
+    let plan = Plan::new(tree, leaf_size);
     wide.nodes.push(Node::EMPTY);
     // Pairs of a binary subtree and the wide node that it fills.
     let mut open = vec![(0u32, 0usize)];
+    let mut children = Vec::with_capacity(8);
     while let Some((root, target)) = open.pop() {
-        let children = gather(tree, root);
+        children.clear();
+        plan.children(tree, root, &mut children);
         for (slot, &child) in children.iter().enumerate() {
-            let node = &tree.nodes[child as usize];
-            let link = if node.count > 0 {
-                wide.leaves.push((node.first, node.count));
+            let chosen = &plan.choices[child as usize];
+            let link = if chosen.split[0] == 0 {
+                wide.leaves.push(chosen.run);
                 LEAF | (wide.leaves.len() - 1) as u32
             } else {
                 wide.nodes.push(Node::EMPTY);
                 open.push((child, wide.nodes.len() - 1));
                 (wide.nodes.len() - 1) as u32
             };
-            wide.nodes[target].set(slot, &node.bounds, link);
+            wide.nodes[target].set(slot, &tree.nodes[child as usize].bounds, link);
         }
     }
     wide
 }
 
-/// Up to eight binary nodes that together hold a subtree.
-fn gather(tree: &Binary, root: u32) -> Vec<u32> {
-    let mut children = vec![root];
-    while children.len() < 8 {
-        let is_inner = |&&child: &&u32| tree.nodes[child as usize].count == 0;
-        let area = |child: &u32| tree.nodes[*child as usize].bounds.half_area();
-        let largest = children
-            .iter()
-            .filter(is_inner)
-            .copied()
-            .reduce(|best, child| if area(&child) > area(&best) { child } else { best });
-        let Some(largest) = largest else { break };
-        let node = tree.nodes[largest as usize];
-        children.retain(|&child| child != largest);
-        children.extend([node.first, node.right]);
+/// The best collapse of every binary subtree.
+struct Plan {
+    choices: Vec<Choice>,
+}
+
+/// How a subtree is best cut into at most 1, 2 … 7 pieces, each a node or a leaf.
+#[derive(Clone, Copy)]
+struct Choice {
+    /// Expected work, by the number of pieces less one.
+    cost: [f32; 7],
+    /// Pieces that the left child gets. For one piece: of the eight children of a node, or 0 for
+    /// a leaf. For more: of these pieces, or 0 where fewer are as good.
+    split: [u8; 7],
+    /// First item and number of items; no number when they are not neighbours in the order.
+    run: (u32, u32),
+}
+
+impl Plan {
+    fn new(tree: &Binary, leaf_size: usize) -> Self {
+        let unknown = Choice { cost: [0.0; 7], split: [0; 7], run: (0, 0) };
+        let mut plan = Self { choices: vec![unknown; tree.nodes.len()] };
+        // Parents before children; walked backwards, children are known before their parents.
+        let mut order = vec![0u32];
+        let mut next = 0;
+        while let Some(&index) = order.get(next) {
+            let node = &tree.nodes[index as usize];
+            if node.count == 0 {
+                order.extend([node.first, node.right]);
+            }
+            next += 1;
+        }
+        for &index in order.iter().rev() {
+            plan.choices[index as usize] = plan.choose(&tree.nodes[index as usize], leaf_size);
+        }
+        plan
     }
-    children
+
+    fn choose(&self, node: &BinaryNode, leaf_size: usize) -> Choice {
+        let area = node.bounds.half_area();
+        if node.count > 0 {
+            let run = (node.first, node.count);
+            return Choice { cost: [area * BLOCK_COST; 7], split: [0; 7], run };
+        }
+        let [left, right] = [node.first, node.right].map(|child| &self.choices[child as usize]);
+        // The least work of `pieces` pieces, and how many of them the left child gets.
+        let divide = |pieces: usize| {
+            let costs = (1..pieces)
+                .filter(|&k| k <= 7 && pieces - k <= 7)
+                .map(|k| (left.cost[k - 1] + right.cost[pieces - k - 1], k as u8));
+            costs.fold((f32::INFINITY, 1), |best, cost| if cost.0 < best.0 { cost } else { best })
+        };
+        let is_run = left.run.1 > 0 && right.run.1 > 0 && left.run.0 + left.run.1 == right.run.0;
+        let run = if is_run { (left.run.0, left.run.1 + right.run.1) } else { (0, 0) };
+        let mut choice = Choice { cost: [0.0; 7], split: [0; 7], run };
+        let (below, k) = divide(8);
+        choice.cost[0] = below + area;
+        choice.split[0] = k;
+        let as_leaf = area * BLOCK_COST;
+        if is_run && run.1 as usize <= leaf_size && as_leaf <= choice.cost[0] {
+            choice.cost[0] = as_leaf;
+            choice.split[0] = 0;
+        }
+        for pieces in 2..=7 {
+            let (cost, k) = divide(pieces);
+            let fewer = choice.cost[pieces - 2];
+            (choice.cost[pieces - 1], choice.split[pieces - 1]) =
+                if cost < fewer { (cost, k) } else { (fewer, 0) };
+        }
+        choice
+    }
+
+    /// The children of the wide node that a subtree becomes.
+    fn children(&self, tree: &Binary, root: u32, into: &mut Vec<u32>) {
+        let node = &tree.nodes[root as usize];
+        let k = self.choices[root as usize].split[0] as usize;
+        if node.count > 0 || k == 0 {
+            // A whole tree that is one leaf hangs below a node of its own.
+            return into.push(root);
+        }
+        self.pieces(tree, node.first, k, into);
+        self.pieces(tree, node.right, 8 - k, into);
+    }
+
+    /// The pieces of a subtree that is cut into at most so many.
+    fn pieces(&self, tree: &Binary, root: u32, most: usize, into: &mut Vec<u32>) {
+        let split = &self.choices[root as usize].split;
+        let Some(pieces) = (2..=most).rev().find(|&pieces| split[pieces - 1] > 0) else {
+            return into.push(root);
+        };
+        let (node, k) = (&tree.nodes[root as usize], split[pieces - 1] as usize);
+        self.pieces(tree, node.first, k, into);
+        self.pieces(tree, node.right, pieces - k, into);
+    }
 }
 
 #[cfg(test)]
@@ -311,7 +397,7 @@ mod tests {
 
     /// Every item is in exactly one leaf, and inside the boxes of all nodes above it.
     fn check(boxes: &[Bounds], tree: &Binary, leaf_size: usize) {
-        let wide = widen(tree);
+        let wide = widen(tree, leaf_size);
         let mut seen = vec![0; boxes.len()];
         let mut open = vec![(0u32, Bounds { low: Vec3A::MIN, high: Vec3A::MAX })];
         while let Some((link, around)) = open.pop() {
@@ -349,6 +435,6 @@ mod tests {
 
     #[test]
     fn nothing_makes_an_empty_tree() {
-        assert!(widen(&build(&[], 8)).nodes.is_empty());
+        assert!(widen(&build(&[], 8), 8).nodes.is_empty());
     }
 }

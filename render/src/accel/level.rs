@@ -206,7 +206,7 @@ impl Level {
     pub fn mesh(triangles: &[Triangle]) -> Self {
         let boxes: Vec<Bounds> = triangles.par_iter().map(Triangle::bounds).collect();
         let tree = build(&boxes, BLOCK_SIZE);
-        let Wide { nodes, leaves } = widen(&tree);
+        let Wide { nodes, leaves } = widen(&tree, BLOCK_SIZE);
         let faces = leaves.iter().flat_map(|&(first, count)| first..first + count);
         let faces: Vec<Face> =
             faces.map(|item| triangles[tree.order[item as usize] as usize].face).collect();
@@ -242,7 +242,7 @@ impl Level {
             })
             .collect();
         let tree = build(&boxes, 1);
-        let Wide { nodes, leaves } = widen(&tree);
+        let Wide { nodes, leaves } = widen(&tree, 1);
         let (instances, plants) =
             leaves.iter().map(|&(first, _)| placed[tree.order[first as usize] as usize]).unzip();
         Self { nodes, content: Content::Group { instances, plants } }

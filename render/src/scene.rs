@@ -260,7 +260,7 @@ fn crowns(parts: &Parts<'_>, rows: Option<&Vec<usize>>) -> Vec<Crown> {
 /// Something that stands upright.
 fn standing_at(position: [f32; 3], yaw: f32, scale: f32, level: u32) -> Instance {
     let (sin, cos) = libm::sincosf(0.5 * yaw);
-    Instance { rotation: [0.0, 0.0, sin, cos], position, scale, level }
+    Instance::new([0.0, 0.0, sin, cos], scale, position, level)
 }
 
 /// A scene while it is put together.
@@ -458,7 +458,7 @@ impl Assembly {
                 return damaged("its rotation is no unit quaternion");
             }
             let rotation = turn.normalize().to_array();
-            Ok((Instance { rotation, position, scale: row.scale, level }, row.plant_id))
+            Ok((Instance::new(rotation, row.scale, position, level), row.plant_id))
         };
         rows.iter().map(place).collect()
     }

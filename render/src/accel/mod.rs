@@ -18,6 +18,7 @@ mod bounds;
 mod build;
 mod lanes;
 mod level;
+mod split;
 mod traverse;
 
 pub(crate) use bounds::Bounds;

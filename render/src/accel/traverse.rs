@@ -2,7 +2,7 @@
 
 use super::Bounds;
 use super::lanes::{LEAF, LaneHits, Lanes, LocalRay, Node, Portable};
-use super::level::{Block, Content, HALF, Instance, Level};
+use super::level::{Block, Content, HALF, Instance, Level, Part};
 use crate::primitive::Face;
 use glam::Vec3;
 
@@ -160,10 +160,10 @@ impl Levels {
         #[cfg(target_arch = "x86_64")]
         if self.has_avx2 {
             // SAFETY: `has_avx2` is only set when the processor says so.
-            return unsafe { avx2::descend::<ANY>(&mut walk, level, &ray, 0) };
+            return unsafe { avx2::descend::<ANY>(&mut walk, level, 0, &ray, 0) };
         }
         // SAFETY: plain loops need no feature.
-        unsafe { walk_level::<Portable, ANY>(&mut walk, level, &ray, 0, portable::<ANY>) }
+        unsafe { walk_level::<Portable, ANY>(&mut walk, level, 0, &ray, 0, portable::<ANY>) }
     }
 
     /// What lies where a ray met something.
@@ -172,12 +172,12 @@ impl Levels {
         let (mut level, mut plant) = (root, 0);
         let steps = chain.iter_mut().zip(hit.path).take(hit.depth as usize);
         for (number, (step, index)) in steps.enumerate() {
-            let Content::Group { instances, plants } = &self.list[level as usize].content else {
+            let Content::Group { instances, plants, .. } = &self.list[level as usize].content else {
                 break;
             };
             let instance = &instances[index as usize];
             if number == 0 {
-                plant = plants[index as usize];
+                plant = plants.of(index as usize);
             }
             *step = Some(instance);
             level = instance.level;
@@ -253,16 +253,17 @@ impl Walk<'_> {
 }
 
 /// Walks a level that an instance leads to, compiled for the same processor features.
-type Descend = unsafe fn(&mut Walk<'_>, u32, &LocalRay, usize) -> bool;
+type Descend = unsafe fn(&mut Walk<'_>, u32, u32, &LocalRay, usize) -> bool;
 
 unsafe fn portable<const ANY: bool>(
     walk: &mut Walk<'_>,
     level: u32,
+    root: u32,
     ray: &LocalRay,
     depth: usize,
 ) -> bool {
     // SAFETY: plain loops need no feature.
-    unsafe { walk_level::<Portable, ANY>(walk, level, ray, depth, portable::<ANY>) }
+    unsafe { walk_level::<Portable, ANY>(walk, level, root, ray, depth, portable::<ANY>) }
 }
 
 #[cfg(target_arch = "x86_64")]
@@ -278,15 +279,16 @@ mod avx2 {
     pub(super) unsafe fn descend<const ANY: bool>(
         walk: &mut Walk<'_>,
         level: u32,
+        root: u32,
         ray: &LocalRay,
         depth: usize,
     ) -> bool {
         // SAFETY: the caller promises AVX2.
-        unsafe { walk_level::<Avx2, ANY>(walk, level, ray, depth, descend::<ANY>) }
+        unsafe { walk_level::<Avx2, ANY>(walk, level, root, ray, depth, descend::<ANY>) }
     }
 }
 
-/// Walks one level; returns whether something was met when `ANY` is set.
+/// Walks what hangs below a node of a level; returns whether something was met when `ANY` is set.
 ///
 /// # Safety
 /// The processor has the features that `L` needs.
@@ -294,6 +296,7 @@ mod avx2 {
 unsafe fn walk_level<L: Lanes, const ANY: bool>(
     walk: &mut Walk<'_>,
     number: u32,
+    root: u32,
     ray: &LocalRay,
     depth: usize,
     descend: Descend,
@@ -308,18 +311,20 @@ unsafe fn walk_level<L: Lanes, const ANY: bool>(
                 found.mask != 0 && record(walk, &found, number, leaf, depth)
             };
             // SAFETY: as above.
-            unsafe { walk_tree::<L, Block, ANY>(walk, &level.nodes, blocks, ray, leaf) }
+            unsafe { walk_tree::<L, Block, ANY>(walk, root, &level.nodes, blocks, ray, leaf) }
         }
-        Content::Group { instances, .. } => {
+        Content::Group { instances, parts, .. } => {
             let leaf = |walk: &mut Walk<'_>, leaf: u32| {
-                let instance = &instances[leaf as usize];
-                walk.path[depth] = leaf;
+                let part =
+                    parts.get(leaf as usize).copied().unwrap_or(Part { instance: leaf, root: 0 });
+                let instance = &instances[part.instance as usize];
+                walk.path[depth] = part.instance;
                 let local = instance.enter(ray);
                 // SAFETY: `descend` needs the same features as this walk.
-                unsafe { descend(walk, instance.level, &local, depth + 1) }
+                unsafe { descend(walk, instance.level, part.root, &local, depth + 1) }
             };
             // SAFETY: as above.
-            unsafe { walk_tree::<L, Instance, ANY>(walk, &level.nodes, instances, ray, leaf) }
+            unsafe { walk_tree::<L, Instance, ANY>(walk, root, &level.nodes, instances, ray, leaf) }
         }
     }
 }
@@ -331,6 +336,7 @@ unsafe fn walk_level<L: Lanes, const ANY: bool>(
 #[inline(always)]
 unsafe fn walk_tree<L: Lanes, T, const ANY: bool>(
     walk: &mut Walk<'_>,
+    root: u32,
     nodes: &[Node],
     leaves: &[T],
     ray: &LocalRay,
@@ -341,7 +347,7 @@ unsafe fn walk_tree<L: Lanes, T, const ANY: bool>(
     }
     // Entries of the levels above lie below this one and stay untouched.
     let base = walk.top;
-    let mut link = 0;
+    let mut link = root;
     loop {
         if link & LEAF != 0 {
             if visit(walk, link & !LEAF) && ANY {
@@ -496,12 +502,10 @@ mod tests {
         let one = |plant: usize| {
             let axis = direction(chance);
             let turn = Quat::from_axis_angle(axis, chance.range(0.0, 6.0) as f32);
-            let instance = Instance {
-                rotation: turn.to_array(),
-                position: point(chance, 10.0).to_array(),
-                scale: chance.range(0.3, 2.0) as f32,
-                level: chance.below(levels) as u32,
-            };
+            let position = point(chance, 10.0).to_array();
+            let scale = chance.range(0.3, 2.0) as f32;
+            let level = chance.below(levels) as u32;
+            let instance = Instance::new(turn.to_array(), scale, position, level);
             (instance, plant as u64)
         };
         (0..count).map(one).collect()
@@ -524,7 +528,7 @@ mod tests {
             Content::Group { instances, .. } => {
                 let place = |instance: &Instance| {
                     let out = |p: Vec3| {
-                        instance.turn(p) * instance.scale + Vec3::from_array(instance.position)
+                        instance.carry_point(p)
                     };
                     let inner = flatten(levels, instance.level as usize);
                     inner.into_iter().map(|corners| corners.map(out)).collect::<Vec<_>>()
@@ -674,8 +678,7 @@ mod tests {
         let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
         let mesh = Level::mesh(&[Triangle::new(corners, Face::new([Vec3::Z; 3], 7))]);
         let turn = Quat::from_rotation_x(std::f32::consts::FRAC_PI_2);
-        let instance =
-            Instance { rotation: turn.to_array(), position: [5.0, 0.0, 0.0], scale: 2.0, level: 0 };
+        let instance = Instance::new(turn.to_array(), 2.0, [5.0, 0.0, 0.0], 0);
         let group = Level::group(&[(instance, 42)], std::slice::from_ref(&mesh));
         let levels = Levels::new(vec![mesh, group]);
         let ray = Ray { origin: Vec3::new(5.2, -3.0, 0.2), direction: Vec3::Y };
@@ -700,12 +703,7 @@ mod tests {
                 .map(|corners| Triangle::new(corners, Face::default()))
                 .collect();
             let mesh = Level::mesh(&list);
-            let upright = Instance {
-                rotation: Quat::IDENTITY.to_array(),
-                position: [0.0; 3],
-                scale: 1.0,
-                level: 0,
-            };
+            let upright = Instance::new(Quat::IDENTITY.to_array(), 1.0, [0.0; 3], 0);
             let group = Level::group(&[(upright, 1)], std::slice::from_ref(&mesh));
             let levels = Levels::new(vec![mesh, group]);
             let ray = Ray { origin: corner(&ray[..3]), direction: corner(&ray[3..]) };

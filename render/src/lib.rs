@@ -28,8 +28,8 @@ mod tone;
 mod water;
 
 pub use config::{Config, Sky};
-pub use ground::mesh as ground_mesh;
 pub use film::{Film, FilmStatistics};
+pub use ground::mesh as ground_mesh;
 pub use path::render;
 pub use probe::probe;
 pub use scene::{Object, Parts, PrototypeSource, Scene, Statistics, estimate_bytes};
@@ -38,7 +38,7 @@ pub use tone::tone_map;
 use weald_contract::Problem;
 
 /// Changes whenever the same input would give other bytes than before.
-pub const OUTPUT_VERSION: u32 = 3;
+pub const OUTPUT_VERSION: u32 = 4;
 
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]

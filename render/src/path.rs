@@ -951,7 +951,8 @@ mod tests {
             .collect();
         let scene = Scene::of_mesh(&list, vec![material(0.5, 0.0)], Dome::constant(1.0));
         let count = 1_000_000;
-        let rays: Vec<Ray> = crate::probe::random_rays(scene.bounds(), Seed(1), 0).take(count).collect();
+        let rays: Vec<Ray> =
+            crate::probe::random_rays(scene.bounds(), Seed(1), 0).take(count).collect();
         let best = |name: &str, walk: &mut dyn FnMut(&Ray) -> bool| {
             let mut once = || {
                 let start = Instant::now();

@@ -36,8 +36,7 @@ impl From<&Probe> for Ray {
 pub fn distances(scene: &Scene, probes: &[Probe]) -> Vec<f32> {
     let mut scratch = Scratch::default();
     let mut distance = |probe: &Probe| {
-        let hit =
-            scene.levels.nearest(scene.solid, &probe.into(), f32::INFINITY, &mut scratch);
+        let hit = scene.levels.nearest(scene.solid, &probe.into(), f32::INFINITY, &mut scratch);
         if hit.is_some() { hit.t } else { f32::INFINITY }
     };
     probes.iter().map(&mut distance).collect()

@@ -8,7 +8,9 @@
 //! at 35 m over the canopy, send 640 x 360 x 4 rays each, of which one in 16 is traced; from what
 //! they meet go cosine-distributed bounces, from there a second bounce, and rays to the sun. Both
 //! tracers get the same numbers, one thread each, by turns; times are CPU seconds of the thread,
-//! medians of the repetitions. Hits must agree within 3 in 10,000 rays.
+//! medians of the repetitions. Distances must agree for all
+//! but 1 in 100 rays, and hits with misses for all but 3 in 10,000: rotations of ours have 16 bits
+//! a component, a millimetre at the top of a tree.
 //!
 //! `--write FOLDER` keeps the tree and the placements for other programs, see `write`.
 
@@ -105,17 +107,24 @@ fn compare(options: &Options, wood: &Wood) -> Result<(), Box<dyn Error>> {
         None => None,
     };
     let mut ratios = Vec::new();
-    println!("{:<16}{:>8}{:>10}{:>10}{:>8}  differing", "rays", "count", "weald", "Embree", "ratio");
+    println!(
+        "{:<16}{:>8}{:>10}{:>10}{:>8}  differing",
+        "rays", "count", "weald", "Embree", "ratio"
+    );
     for (name, probes, is_shadow) in sets(wood, &scene) {
         let (mut ours, mut theirs) = (Vec::new(), Vec::new());
-        let mut differing = 0;
+        let mut differing = [0; 2];
         for _ in 0..options.repeat {
             let (time, mine) = trace(&scene, &probes, is_shadow);
             ours.push(time);
             if let Some(embree) = &embree {
                 let (time, other) = embree.trace(&probes, is_shadow);
                 theirs.push(time);
-                differing = mine.iter().zip(&other).filter(|(a, b)| !agree(**a, **b)).count();
+                let count = |test: fn(f32, f32) -> bool| {
+                    mine.iter().zip(&other).filter(|&(&a, &b)| test(a, b)).count()
+                };
+                differing =
+                    [count(|a, b| !agree(a, b)), count(|a, b| a.is_finite() != b.is_finite())];
             }
         }
         let rate = |times: &mut Vec<Duration>| {
@@ -130,12 +139,12 @@ fn compare(options: &Options, wood: &Wood) -> Result<(), Box<dyn Error>> {
         let other = rate(&mut theirs);
         ratios.push(mine / other);
         println!(
-            "{name:<16}{:>8}{mine:>10.3}{other:>10.3}{:>8.2}  {differing}",
+            "{name:<16}{:>8}{mine:>10.3}{other:>10.3}{:>8.2}  {differing:?}",
             probes.len(),
             mine / other
         );
-        if differing * 10_000 > 3 * probes.len() {
-            println!("{:16}MORE THAN 3 IN 10,000 DIFFER", "");
+        if differing[0] * 100 > probes.len() || differing[1] * 10_000 > 3 * probes.len() {
+            return Err("the two tracers do not see the same scene".into());
         }
     }
     if !ratios.is_empty() {

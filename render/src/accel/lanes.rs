@@ -165,7 +165,8 @@ impl Lanes for Portable {
             let q = cross(s, edge_1);
             let u = sign(dot(s, p));
             let v = sign(dot(ray.direction, q));
-            let reach = if block.face[lane] & HALF != 0 { if u > v { u } else { v } } else { u + v };
+            let reach =
+                if block.face[lane] & HALF != 0 { if u > v { u } else { v } } else { u + v };
             let inverse = 1.0 / size;
             let (u, v, t) = (u * inverse, v * inverse, sign(dot(edge_2, q)) * inverse);
             let is_inside = u >= 0.0 && v >= 0.0 && reach <= size && size > 0.0;

@@ -1,14 +1,12 @@
 //! A level: a tree over triangles or over placements of another level.
 
 use super::Bounds;
+use super::braid::opened;
 use super::build::{Wide, build, widen};
-use super::split::{Pieces, split};
 use super::lanes::{LEAF, LocalRay, Node};
+use super::split::{Pieces, split};
 use crate::primitive::Face;
 use glam::{Mat3A, Vec3, Vec3A};
-use rayon::prelude::*;
-use std::cmp::Ordering;
-use std::collections::BinaryHeap;
 
 /// A triangle before it is packed, or the parallelogram that it is half of.
 #[derive(Clone, Copy, Debug)]
@@ -243,7 +241,7 @@ impl Instance {
     }
 
     /// Box of a box that is placed.
-    fn place(&self, bounds: &Bounds) -> Bounds {
+    pub fn place(&self, bounds: &Bounds) -> Bounds {
         let column = |axis: Vec3| Vec3A::from(self.turn(axis) * self.scale);
         let matrix = Mat3A::from_cols(column(Vec3::X), column(Vec3::Y), column(Vec3::Z));
         let center = matrix * bounds.center() + Vec3A::from_array(self.position);
@@ -264,94 +262,6 @@ fn rotate(axis: Vec3, w: f32, gain: f32, v: Vec3) -> Vec3 {
     v + w * aside + axis.cross(aside)
 }
 
-/// Memory for opening placements, bytes: a small part of what a scene takes anyway.
-const BRAID_BYTES: usize = 16 << 20;
-
-/// Memory that a part takes: itself and its share of the nodes.
-const PART_BYTES: usize = 40;
-
-/// Placements are opened while their box is this many times as large as that of most.
-const OPENED: f32 = 1e30;
-
-/// A part of a placement on its way into the tree.
-struct Open {
-    area: f32,
-    index: usize,
-}
-
-impl PartialEq for Open {
-    fn eq(&self, other: &Self) -> bool {
-        self.cmp(other).is_eq()
-    }
-}
-
-impl Eq for Open {}
-
-impl PartialOrd for Open {
-    fn partial_cmp(&self, other: &Self) -> Option<Ordering> {
-        Some(self.cmp(other))
-    }
-}
-
-impl Ord for Open {
-    fn cmp(&self, other: &Self) -> Ordering {
-        self.area.total_cmp(&other.area).then(other.index.cmp(&self.index))
-    }
-}
-
-/// The parts in which placements go into a tree, and their boxes.
-///
-/// The box of the ground, of a house or of a giant tree holds many others, and every ray that comes
-/// near would walk its tree from the root. The children of such large placements go into the tree
-/// in their stead, the largest first, as long as [`BRAID_BYTES`] last [Benthin17]. Opening all
-/// placements, as that work does, costs more than it saves here: crowns of a wood overlap little,
-/// and entering a placement eight times made rays of all kinds 1.0 to 1.6 times slower.
-fn opened(placed: &[(Instance, u64)], levels: &[Level]) -> (Vec<Part>, Vec<Bounds>) {
-    let outlines: Vec<Vec<Bounds>> = levels.par_iter().map(|level| level.outline(0)).collect();
-    let around = |instance: &Instance, outline: &[Bounds]| {
-        outline.iter().map(|b| instance.place(b)).fold(Bounds::EMPTY, Bounds::union)
-    };
-    let mut boxes: Vec<Bounds> = placed
-        .par_iter()
-        .map(|(instance, _)| around(instance, &outlines[instance.level as usize]))
-        .collect();
-    let mut parts: Vec<Part> =
-        (0..placed.len() as u32).map(|instance| Part { instance, root: 0 }).collect();
-    let mut areas: Vec<f32> = boxes.iter().map(Bounds::half_area).collect();
-    let middle = areas.len() / 2;
-    if areas.len() < 8 {
-        return (parts, boxes);
-    }
-    let limit = OPENED * *areas.select_nth_unstable_by(middle, f32::total_cmp).1;
-    let wait = |index: usize, bounds: &Bounds| Open { area: bounds.half_area(), index };
-    let large = boxes.iter().enumerate().map(|(index, bounds)| wait(index, bounds));
-    let mut waiting: BinaryHeap<Open> = large.filter(|open| open.area > limit).collect();
-    let most = placed.len() + BRAID_BYTES / PART_BYTES;
-    while let Some(Open { index, .. }) = waiting.pop() {
-        let Part { instance: number, root } = parts[index];
-        let instance = &placed[number as usize].0;
-        let level = &levels[instance.level as usize];
-        if root & LEAF != 0 || parts.len() + 7 > most {
-            continue;
-        }
-        for (slot, (bounds, link)) in level.nodes[root as usize].children().enumerate() {
-            let inner = if link & LEAF != 0 { vec![bounds] } else { level.outline(link) };
-            let (part, bounds) = (Part { instance: number, root: link }, around(instance, &inner));
-            let target = if slot == 0 { index } else { parts.len() };
-            if slot == 0 {
-                (parts[index], boxes[index]) = (part, bounds);
-            } else {
-                parts.push(part);
-                boxes.push(bounds);
-            }
-            if bounds.half_area() > limit {
-                waiting.push(wait(target, &bounds));
-            }
-        }
-    }
-    (parts, boxes)
-}
-
 impl Level {
     /// A mesh. Faces are stored in the order of leaves, so that neighbours share cache lines.
     pub fn mesh(triangles: &[Triangle]) -> Self {
@@ -359,8 +269,9 @@ impl Level {
         let tree = build(&boxes, BLOCK_SIZE);
         let Wide { nodes, leaves } = widen(&tree, BLOCK_SIZE);
         let faces = leaves.iter().flat_map(|&(first, count)| first..first + count);
-        let faces: Vec<Face> =
-            faces.map(|item| triangles[owners[tree.order[item as usize] as usize] as usize].face).collect();
+        let faces: Vec<Face> = faces
+            .map(|item| triangles[owners[tree.order[item as usize] as usize] as usize].face)
+            .collect();
         let mut next = 0;
         let starts = leaves.iter().map(|&(first, count)| {
             next += count;
@@ -369,7 +280,9 @@ impl Level {
         let blocks = starts
             .map(|(first, count, face)| {
                 let items = &tree.order[first as usize..(first + count) as usize];
-                Block::pack(items.iter().map(|&item| triangles[owners[item as usize] as usize]).zip(face..))
+                Block::pack(
+                    items.iter().map(|&item| triangles[owners[item as usize] as usize]).zip(face..),
+                )
             })
             .collect();
         let count = triangles.iter().map(Triangle::count).sum();
@@ -392,7 +305,10 @@ impl Level {
             // Nothing is opened: instances go in the order of leaves, for their neighbours' sake.
             let (instances, plants) = in_order.map(|item| placed[item]).unzip();
             let plants = Plants::new(plants);
-            return Self { nodes, content: Content::Group { instances, plants, parts: Vec::new() } };
+            return Self {
+                nodes,
+                content: Content::Group { instances, plants, parts: Vec::new() },
+            };
         }
         // Instances in the order in which leaves first speak of them.
         let mut numbers = vec![u32::MAX; placed.len()];
@@ -448,7 +364,7 @@ impl Level {
 
     /// Up to 64 boxes that hold everything below a node: they bound a turned placement more
     /// tightly than one.
-    fn outline(&self, root: u32) -> Vec<Bounds> {
+    pub fn outline(&self, root: u32) -> Vec<Bounds> {
         let children = self.nodes.get(root as usize).into_iter().flat_map(Node::children);
         let open = |(bounds, link): (Bounds, u32)| -> Vec<Bounds> {
             if link & LEAF != 0 {
@@ -462,7 +378,9 @@ impl Level {
     /// Memory of nodes, triangles and placements, bytes.
     pub fn bytes(&self) -> u64 {
         let content = match &self.content {
-            Content::Mesh { blocks, faces, .. } => size_of_val(&blocks[..]) + size_of_val(&faces[..]),
+            Content::Mesh { blocks, faces, .. } => {
+                size_of_val(&blocks[..]) + size_of_val(&faces[..])
+            }
             Content::Group { instances, plants, parts } => {
                 size_of_val(&instances[..]) + plants.bytes() + size_of_val(&parts[..])
             }

@@ -12,10 +12,10 @@ use std::cmp::Ordering;
 use std::collections::BinaryHeap;
 
 /// Pieces that may be added, as part of the triangles.
-const EXTRA: f32 = 0.3;
+const EXTRA: f32 = 0.2;
 
 /// Part of a box's surface that cutting must be able to save.
-const WASTE: f32 = 0.5;
+const WASTE: f32 = 0.3;
 
 /// Boxes, and the triangle that each belongs to.
 pub(crate) struct Pieces {
@@ -59,8 +59,7 @@ pub(crate) fn split(triangles: &[Triangle]) -> Pieces {
         let gain = waste(&triangles[piece], &pieces.boxes[piece]);
         (gain > 0.0).then_some(Candidate { gain, piece: piece as u32 })
     };
-    let list: Vec<Candidate> =
-        (0..triangles.len()).into_par_iter().filter_map(weighed).collect();
+    let list: Vec<Candidate> = (0..triangles.len()).into_par_iter().filter_map(weighed).collect();
     let mut waiting = BinaryHeap::from(list);
     while pieces.boxes.len() < most
         && let Some(Candidate { piece, .. }) = waiting.pop()

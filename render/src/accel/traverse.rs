@@ -172,7 +172,8 @@ impl Levels {
         let (mut level, mut plant) = (root, 0);
         let steps = chain.iter_mut().zip(hit.path).take(hit.depth as usize);
         for (number, (step, index)) in steps.enumerate() {
-            let Content::Group { instances, plants, .. } = &self.list[level as usize].content else {
+            let Content::Group { instances, plants, .. } = &self.list[level as usize].content
+            else {
                 break;
             };
             let instance = &instances[index as usize];
@@ -476,7 +477,7 @@ fn record(
 
 #[cfg(test)]
 mod tests {
-    use super::super::Triangle;
+    use super::super::{Triangle, join_pairs};
     use super::*;
     use glam::Quat;
     use weald_contract::{Seed, seed::Stream};
@@ -521,15 +522,15 @@ mod tests {
                     let (block, lane) = (&blocks[i / 8], i % 8);
                     let a = Vec3::from_array([0, 1, 2].map(|axis| block.corner[axis][lane]));
                     let (edge_1, edge_2) = block.edges(lane);
-                    [a, a + edge_1, a + edge_2]
+                    let (b, c) = (a + edge_1, a + edge_2);
+                    let is_half = block.face[lane] & HALF != 0;
+                    std::iter::once([a, b, c]).chain(is_half.then_some([b + edge_2, c, b]))
                 };
-                lanes.map(corners).collect()
+                lanes.flat_map(corners).collect()
             }
             Content::Group { instances, .. } => {
                 let place = |instance: &Instance| {
-                    let out = |p: Vec3| {
-                        instance.carry_point(p)
-                    };
+                    let out = |p: Vec3| instance.carry_point(p);
                     let inner = flatten(levels, instance.level as usize);
                     inner.into_iter().map(|corners| corners.map(out)).collect::<Vec<_>>()
                 };
@@ -588,6 +589,98 @@ mod tests {
             // A ray within a rounding error of an edge may go either way: a few in a thousand.
             assert!(differing <= 1, "{differing} of 500 rays differ");
         }
+    }
+
+    /// Leaves as pairs of triangles, and slivers that run aslant among them.
+    fn leaves_and_twigs(chance: &mut Stream) -> Vec<Triangle> {
+        let mut list = Vec::new();
+        for number in 0..400 {
+            let a = point(chance, 1.0);
+            let (x, y) = (point(chance, 0.1), point(chance, 0.1));
+            let face = Face::new([x.cross(y).normalize(); 3], number);
+            list.push(Triangle::new([a, a + x, a + y], face));
+            list.push(Triangle::new([a + x + y, a + y, a + x], face));
+        }
+        for _ in 0..60 {
+            let (a, way) = (point(chance, 1.0), point(chance, 1.5));
+            list.push(Triangle::new([a, a + way, a + way + point(chance, 0.01)], Face::default()));
+        }
+        list
+    }
+
+    #[test]
+    fn parallelograms_and_cut_slivers_are_met_where_brute_force_meets_them() {
+        let mut chance = Seed(21).stream("leaves", 0);
+        let list = leaves_and_twigs(&mut chance);
+        let joined = join_pairs(&list);
+        assert_eq!(joined.len(), 460, "each pair is one");
+        let level = Level::mesh(&joined);
+        assert_eq!(level.triangle_count(&[]), list.len() as u128);
+        let flat: Vec<[Vec3; 3]> = list.iter().map(|triangle| triangle.corners).collect();
+        let levels = Levels::new(vec![level]);
+        let mut scratch = Scratch::default();
+        let mut differing = 0;
+        for _ in 0..3000 {
+            let origin = point(&mut chance, 3.0);
+            let ray = Ray { origin, direction: point(&mut chance, 1.0) - origin };
+            let hit = levels.nearest(0, &ray, f32::INFINITY, &mut scratch);
+            let truth = brute_force(&flat, &ray);
+            let is_same = hit.is_some() == truth.is_finite()
+                && (!hit.is_some() || (f64::from(hit.t) - truth).abs() < 1e-4);
+            differing += usize::from(!is_same);
+        }
+        assert!(differing <= 2, "{differing} of 3000 rays differ");
+    }
+
+    #[test]
+    fn triangles_that_make_no_parallelogram_stay_two() {
+        let corners = [Vec3::ZERO, Vec3::X, Vec3::Y];
+        let first = Triangle::new(corners, Face::new([Vec3::Z; 3], 1));
+        let other = |far: Vec3, material: u16| {
+            Triangle::new([far, Vec3::Y, Vec3::X], Face::new([Vec3::Z; 3], material))
+        };
+        let whole = Vec3::new(1.0, 1.0, 0.0);
+        assert!(first.joined(&other(whole, 1)).is_some());
+        assert!(first.joined(&other(whole, 2)).is_none(), "another material");
+        assert!(first.joined(&other(whole + 0.01, 1)).is_none(), "a kite");
+        let turned = Triangle::new([whole, Vec3::X, Vec3::Y], Face::new([Vec3::Z; 3], 1));
+        assert!(first.joined(&turned).is_none(), "it faces the other way");
+        let bent =
+            Triangle::new([whole, Vec3::Y, Vec3::X], Face::new([Vec3::X, Vec3::Z, Vec3::Z], 1));
+        assert!(first.joined(&bent).is_none(), "its normals bend");
+    }
+
+    #[test]
+    fn crowded_placements_are_met_where_brute_force_meets_them() {
+        let mut chance = Seed(23).stream("crowd", 0);
+        let mesh = Level::mesh(&join_pairs(&leaves_and_twigs(&mut chance)));
+        let placed: Vec<(Instance, u64)> = placements(&mut chance, 40, 1)
+            .into_iter()
+            .map(|(instance, plant)| {
+                let turn = Quat::from_rotation_z(chance.range(0.0, 6.0) as f32).to_array();
+                let at = instance.carry_point(Vec3::ZERO) * 0.2;
+                (Instance::new(turn, 1.3, at.to_array(), 0), plant)
+            })
+            .collect();
+        let levels = vec![mesh];
+        let group = Level::group(&placed, &levels);
+        let Content::Group { parts, .. } = &group.content else { panic!("a group") };
+        assert!(parts.len() > placed.len(), "crowded placements are opened");
+        let levels = vec![levels.into_iter().next().unwrap(), group];
+        let flat = flatten(&levels, 1);
+        let levels = Levels::new(levels);
+        let mut scratch = Scratch::default();
+        let mut differing = 0;
+        for _ in 0..500 {
+            let origin = point(&mut chance, 6.0);
+            let ray = Ray { origin, direction: point(&mut chance, 2.0) - origin };
+            let hit = levels.nearest(1, &ray, f32::INFINITY, &mut scratch);
+            let truth = brute_force(&flat, &ray);
+            let is_same = hit.is_some() == truth.is_finite()
+                && (!hit.is_some() || (f64::from(hit.t) - truth).abs() < 1e-4);
+            differing += usize::from(!is_same);
+        }
+        assert!(differing <= 1, "{differing} of 500 rays differ");
     }
 
     #[test]

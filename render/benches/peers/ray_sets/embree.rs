@@ -76,7 +76,11 @@ impl Library {
         let name = CString::new(path)?;
         // SAFETY: a path that ends with zero; 2 binds all symbols at once.
         let handle = unsafe { dlopen(name.as_ptr(), 2) };
-        if handle.is_null() { Err(format!("{path} cannot be loaded").into()) } else { Ok(Self(handle)) }
+        if handle.is_null() {
+            Err(format!("{path} cannot be loaded").into())
+        } else {
+            Ok(Self(handle))
+        }
     }
 
     /// A function of the library.
@@ -156,8 +160,8 @@ impl Embree {
             attach(scene, mesh(&wood.ground.positions, &wood.ground.triangles));
             let places = new_geometry(device, INSTANCE_ARRAY);
             set_instanced(places, tree);
-            let matrices =
-                new_buffer(places, TRANSFORMS, 0, ROWS_3X4, 48, wood.places.len()).cast::<[f32; 12]>();
+            let matrices = new_buffer(places, TRANSFORMS, 0, ROWS_3X4, 48, wood.places.len())
+                .cast::<[f32; 12]>();
             for (index, place) in wood.places.iter().enumerate() {
                 matrices.add(index).write(Wood::matrix(place));
             }
@@ -194,6 +198,7 @@ impl Embree {
 /// state back; returns the state before.
 fn flush_denormals(state: Option<u32>) -> u32 {
     let mut before = 0u32;
+    #[cfg(target_arch = "x86_64")]
     // SAFETY: reads and writes the rounding state of this thread only.
     unsafe {
         std::arch::asm!("stmxcsr [{}]", in(reg) &mut before);

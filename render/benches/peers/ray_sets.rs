@@ -9,7 +9,7 @@
 //! they meet go cosine-distributed bounces, from there a second bounce, and rays to the sun. Both
 //! tracers get the same numbers, one thread each, by turns; times are CPU seconds of the thread,
 //! medians of the repetitions. Distances must agree for all
-//! but 1 in 100 rays, and hits with misses for all but 3 in 10,000: rotations of ours have 16 bits
+//! but 1 in 100 rays, and hits with misses for all but 1 in 1,000: rotations of ours have 16 bits
 //! a component, a millimetre at the top of a tree.
 //!
 //! `--write FOLDER` keeps the tree and the placements for other programs, see `write`.
@@ -143,7 +143,7 @@ fn compare(options: &Options, wood: &Wood) -> Result<(), Box<dyn Error>> {
             probes.len(),
             mine / other
         );
-        if differing[0] * 100 > probes.len() || differing[1] * 10_000 > 3 * probes.len() {
+        if differing[0] * 100 > probes.len() || differing[1] * 1000 > probes.len() {
             return Err("the two tracers do not see the same scene".into());
         }
     }

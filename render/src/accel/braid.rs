@@ -18,7 +18,7 @@ const BUDGET: usize = 16 << 20;
 const PART_BYTES: usize = 40;
 
 /// Boxes over a point of the plan from which on opening pays.
-const CROWDED: f32 = 3.0;
+const CROWDED: f32 = 4.5;
 
 /// Most cells along a side of the plan on which crowding is counted.
 const CELLS: f32 = 1024.0;

@@ -90,7 +90,7 @@ pub fn tree() -> Arc<PlantModel> {
         name: "tree".into(),
         materials: vec![grey("wood", 0.5), grey("leaf", 0.5)],
         wood: vec![wood, leaves],
-        organs: Vec::new(),
+        ..PlantModel::default()
     })
 }
 
@@ -118,6 +118,7 @@ fn grey(name: &str, reflectance: f32) -> Material {
         reflectance: [reflectance; 3],
         roughness: 1.0,
         surface: Surface::Opaque,
+        ..Material::default()
     }
 }
 

@@ -27,12 +27,9 @@ const CELLS: f32 = 1024.0;
 /// children where it is crowded, the most crowded first, as far as the budget lasts.
 pub(crate) fn opened(placed: &[(Instance, u64)], levels: &[Level]) -> (Vec<Part>, Vec<Bounds>) {
     let outlines: Vec<Vec<Bounds>> = levels.par_iter().map(|level| level.outline(0)).collect();
-    let around = |instance: &Instance, outline: &[Bounds]| {
-        outline.iter().map(|b| instance.place(b)).fold(Bounds::EMPTY, Bounds::union)
-    };
     let mut boxes: Vec<Bounds> = placed
         .par_iter()
-        .map(|(instance, _)| around(instance, &outlines[instance.level as usize]))
+        .map(|(instance, _)| instance.place(&outlines[instance.level as usize]))
         .collect();
     let mut parts: Vec<Part> =
         (0..placed.len() as u32).map(|instance| Part { instance, root: 0 }).collect();
@@ -43,11 +40,10 @@ pub(crate) fn opened(placed: &[(Instance, u64)], levels: &[Level]) -> (Vec<Part>
         }
         let instance = &placed[index].0;
         let level = &levels[instance.level as usize];
-        let Some(root) = level.nodes.first() else { continue };
-        for (slot, (bounds, link)) in root.children().enumerate() {
+        for (slot, (bounds, link)) in level.nodes.children(0).into_iter().enumerate() {
             let inner = if link & LEAF != 0 { vec![bounds] } else { level.outline(link) };
             let part = Part { instance: index as u32, root: link };
-            let bounds = around(instance, &inner);
+            let bounds = instance.place(&inner);
             if slot == 0 {
                 (parts[index], boxes[index]) = (part, bounds);
             } else {
@@ -70,8 +66,8 @@ fn crowded(boxes: &[Bounds]) -> Vec<usize> {
     let typical = *sizes.select_nth_unstable_by(middle, f32::total_cmp).1;
     let centers = Bounds::of(boxes.iter().map(Bounds::center));
     let extent = centers.high - centers.low;
-    // Four typical boxes fit into a cell: fewer would count by chance.
-    let cell = (2.0 * typical.sqrt()).max(extent.x.max(extent.y) / CELLS);
+    // Sixteen typical boxes fit into a cell: fewer would count by chance.
+    let cell = (4.0 * typical.sqrt()).max(extent.x.max(extent.y) / CELLS);
     if !(cell > 0.0 && cell.is_finite()) {
         return Vec::new();
     }

@@ -5,6 +5,7 @@
 
 use super::Bounds;
 use super::level::{Block, HALF};
+use super::tight::TightNode;
 use glam::{Vec3, Vec3A};
 
 /// Bit of a child link that marks a leaf.
@@ -119,6 +120,12 @@ pub(crate) trait Lanes {
     /// The processor has the features that the implementation needs.
     unsafe fn boxes(node: &Node, ray: &LocalRay, limit: f32) -> LaneHits;
 
+    /// The same of a node in its tight form.
+    ///
+    /// # Safety
+    /// The processor has the features that the implementation needs.
+    unsafe fn tight_boxes(node: &TightNode, ray: &LocalRay, limit: f32) -> LaneHits;
+
     /// Triangles and parallelograms that the ray meets between 0 and `limit`, exclusive, from
     /// either side [MT97]. Degenerate ones have a determinant of 0 and are never met. The division
     /// by the determinant is put off: most blocks are missed.
@@ -134,20 +141,12 @@ pub(crate) struct Portable;
 impl Lanes for Portable {
     #[inline(always)]
     unsafe fn boxes(node: &Node, ray: &LocalRay, limit: f32) -> LaneHits {
-        let o = ray.origin.to_array();
-        let mut hits = LaneHits { mask: 0, t: [0.0; 8] };
-        for lane in 0..8 {
-            let (mut near, mut far) = (0.0f32, limit);
-            for (axis, origin) in o.into_iter().enumerate() {
-                let enter = (node.planes[ray.near[axis]][lane] - origin) * ray.inverse[axis];
-                let leave = (node.planes[ray.far[axis]][lane] - origin) * ray.inverse[axis];
-                near = if enter > near { enter } else { near };
-                far = if leave < far { leave } else { far };
-            }
-            hits.t[lane] = near;
-            hits.mask |= u32::from(near <= far * GUARD) << lane;
-        }
-        hits
+        plain_boxes(|row, lane| node.planes[row][lane], ray, limit)
+    }
+
+    #[inline(always)]
+    unsafe fn tight_boxes(node: &TightNode, ray: &LocalRay, limit: f32) -> LaneHits {
+        plain_boxes(|row, lane| node.plane(row % 3, node.planes[row][lane]), ray, limit)
     }
 
     #[inline(always)]
@@ -178,6 +177,25 @@ impl Lanes for Portable {
     }
 }
 
+/// Box tests in plain loops.
+#[inline(always)]
+fn plain_boxes(plane: impl Fn(usize, usize) -> f32, ray: &LocalRay, limit: f32) -> LaneHits {
+    let o = ray.origin.to_array();
+    let mut hits = LaneHits { mask: 0, t: [0.0; 8] };
+    for lane in 0..8 {
+        let (mut near, mut far) = (0.0f32, limit);
+        for (axis, origin) in o.into_iter().enumerate() {
+            let enter = (plane(ray.near[axis], lane) - origin) * ray.inverse[axis];
+            let leave = (plane(ray.far[axis], lane) - origin) * ray.inverse[axis];
+            near = if enter > near { enter } else { near };
+            far = if leave < far { leave } else { far };
+        }
+        hits.t[lane] = near;
+        hits.mask |= u32::from(near <= far * GUARD) << lane;
+    }
+    hits
+}
+
 /// Written out so that the order of additions is the same as in the AVX2 version.
 #[inline(always)]
 fn dot(a: Vec3, b: Vec3) -> f32 {
@@ -194,7 +212,7 @@ pub(crate) use avx2::Avx2;
 
 #[cfg(target_arch = "x86_64")]
 mod avx2 {
-    use super::{Block, GUARD, LaneHits, Lanes, LocalRay, Node, TriangleHits};
+    use super::{Block, GUARD, LaneHits, Lanes, LocalRay, Node, TightNode, TriangleHits};
     use std::arch::x86_64::*;
 
     /// 256-bit vectors.
@@ -205,6 +223,12 @@ mod avx2 {
         unsafe fn boxes(node: &Node, ray: &LocalRay, limit: f32) -> LaneHits {
             // SAFETY: the caller promises AVX2.
             unsafe { boxes(node, ray, limit) }
+        }
+
+        #[inline(always)]
+        unsafe fn tight_boxes(node: &TightNode, ray: &LocalRay, limit: f32) -> LaneHits {
+            // SAFETY: the caller promises AVX2.
+            unsafe { tight_boxes(node, ray, limit) }
         }
 
         #[inline(always)]
@@ -233,18 +257,37 @@ mod avx2 {
     #[inline]
     #[target_feature(enable = "avx2")]
     fn boxes(node: &Node, ray: &LocalRay, limit: f32) -> LaneHits {
+        let row = |_: usize, row: usize| {
+            // SAFETY: rows are numbers below 6, see `LocalRay::new`.
+            load(unsafe { node.planes.get_unchecked(row) })
+        };
+        slabs(row, ray, limit)
+    }
+
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn tight_boxes(node: &TightNode, ray: &LocalRay, limit: f32) -> LaneHits {
+        let row = |axis: usize, row: usize| {
+            // SAFETY: rows are numbers below 6, see `LocalRay::new`; each is eight bytes long.
+            let bytes = unsafe { _mm_loadl_epi64(node.planes.get_unchecked(row).as_ptr().cast()) };
+            let steps = _mm256_cvtepi32_ps(_mm256_cvtepu8_epi32(bytes));
+            let along = _mm256_mul_ps(steps, _mm256_set1_ps(node.step[axis]));
+            _mm256_add_ps(_mm256_set1_ps(node.low[axis]), along)
+        };
+        slabs(row, ray, limit)
+    }
+
+    /// Box tests; `row` gives the planes of an axis by the number of their row.
+    #[inline]
+    #[target_feature(enable = "avx2")]
+    fn slabs(row: impl Fn(usize, usize) -> __m256, ray: &LocalRay, limit: f32) -> LaneHits {
         let o = ray.origin.to_array();
         let (mut near, mut far) = (_mm256_setzero_ps(), _mm256_set1_ps(limit));
         for (axis, origin) in o.into_iter().enumerate() {
             let origin = _mm256_set1_ps(origin);
             let inverse = _mm256_set1_ps(ray.inverse[axis]);
-            // SAFETY: rows are numbers below 6, see `LocalRay::new`.
-            let (enter, leave) = unsafe {
-                let planes = &node.planes;
-                (planes.get_unchecked(ray.near[axis]), planes.get_unchecked(ray.far[axis]))
-            };
-            let enter = _mm256_sub_ps(load(enter), origin);
-            let leave = _mm256_sub_ps(load(leave), origin);
+            let enter = _mm256_sub_ps(row(axis, ray.near[axis]), origin);
+            let leave = _mm256_sub_ps(row(axis, ray.far[axis]), origin);
             // These return the second operand when one is NaN, as the plain version does.
             near = _mm256_max_ps(_mm256_mul_ps(enter, inverse), near);
             far = _mm256_min_ps(_mm256_mul_ps(leave, inverse), far);

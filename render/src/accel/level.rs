@@ -3,8 +3,9 @@
 use super::Bounds;
 use super::braid::opened;
 use super::build::{Wide, build, widen};
-use super::lanes::{LEAF, LocalRay, Node};
+use super::lanes::{LEAF, LocalRay};
 use super::split::{Pieces, split};
+use super::tight::Nodes;
 use crate::primitive::Face;
 use glam::{Mat3A, Vec3, Vec3A};
 
@@ -46,7 +47,7 @@ pub(crate) struct Instance {
 
 /// A tree and what hangs in it.
 pub(crate) struct Level {
-    pub nodes: Vec<Node>,
+    pub nodes: Nodes,
     pub content: Content,
 }
 
@@ -240,11 +241,16 @@ impl Instance {
         Triangle { corners, face: triangle.face.turned(|normal| self.turn(normal)), ..triangle }
     }
 
-    /// Box of a box that is placed.
-    pub fn place(&self, bounds: &Bounds) -> Bounds {
+    /// Box of boxes that are placed together.
+    pub fn place(&self, boxes: &[Bounds]) -> Bounds {
         let column = |axis: Vec3| Vec3A::from(self.turn(axis) * self.scale);
         let matrix = Mat3A::from_cols(column(Vec3::X), column(Vec3::Y), column(Vec3::Z));
-        let center = matrix * bounds.center() + Vec3A::from_array(self.position);
+        let place = |bounds: &Bounds| self.place_one(bounds, &matrix);
+        boxes.iter().map(place).fold(Bounds::EMPTY, Bounds::union)
+    }
+
+    fn place_one(&self, bounds: &Bounds, matrix: &Mat3A) -> Bounds {
+        let center = *matrix * bounds.center() + Vec3A::from_array(self.position);
         let half = 0.5 * (bounds.high - bounds.low);
         let reach = matrix.x_axis.abs() * half.x
             + matrix.y_axis.abs() * half.y
@@ -286,7 +292,7 @@ impl Level {
             })
             .collect();
         let count = triangles.iter().map(Triangle::count).sum();
-        Self { nodes, content: Content::Mesh { blocks, faces, count } }
+        Self { nodes: Nodes::Wide(nodes), content: Content::Mesh { blocks, faces, count } }
     }
 
     /// A group of placements of `levels`, each with the plant that it stands for.
@@ -300,6 +306,7 @@ impl Level {
         let tree = build(&boxes, 1);
         drop(boxes);
         let Wide { nodes, leaves } = widen(&tree, 1);
+        let nodes = Nodes::over(nodes, placed.len());
         let in_order = leaves.iter().map(|&(first, _)| tree.order[first as usize] as usize);
         if parts.iter().all(|part| part.root == 0) {
             // Nothing is opened: instances go in the order of leaves, for their neighbours' sake.
@@ -358,21 +365,19 @@ impl Level {
 
     /// The smallest box around everything.
     pub fn bounds(&self) -> Bounds {
-        let children = self.nodes.first().into_iter().flat_map(Node::children);
-        children.fold(Bounds::EMPTY, |all, (bounds, _)| all.union(bounds))
+        self.nodes.children(0).into_iter().fold(Bounds::EMPTY, |all, (bounds, _)| all.union(bounds))
     }
 
     /// Up to 64 boxes that hold everything below a node: they bound a turned placement more
     /// tightly than one.
     pub fn outline(&self, root: u32) -> Vec<Bounds> {
-        let children = self.nodes.get(root as usize).into_iter().flat_map(Node::children);
         let open = |(bounds, link): (Bounds, u32)| -> Vec<Bounds> {
             if link & LEAF != 0 {
                 return vec![bounds];
             }
-            self.nodes[link as usize].children().map(|(bounds, _)| bounds).collect()
+            self.nodes.children(link).into_iter().map(|(bounds, _)| bounds).collect()
         };
-        children.flat_map(open).collect()
+        self.nodes.children(root).into_iter().flat_map(open).collect()
     }
 
     /// Memory of nodes, triangles and placements, bytes.
@@ -385,6 +390,6 @@ impl Level {
                 size_of_val(&instances[..]) + plants.bytes() + size_of_val(&parts[..])
             }
         };
-        (size_of_val(&self.nodes[..]) + content) as u64
+        (self.nodes.bytes() + content) as u64
     }
 }

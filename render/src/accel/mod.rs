@@ -27,6 +27,7 @@ mod build;
 mod lanes;
 mod level;
 mod split;
+mod tight;
 mod traverse;
 
 pub(crate) use bounds::Bounds;

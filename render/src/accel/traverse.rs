@@ -1,8 +1,9 @@
 //! Walking a ray through nested levels.
 
 use super::Bounds;
-use super::lanes::{LEAF, LaneHits, Lanes, LocalRay, Node, Portable};
+use super::lanes::{LEAF, LaneHits, Lanes, LocalRay, Portable};
 use super::level::{Block, Content, HALF, Instance, Level, Part};
+use super::tight::{Branch, Nodes};
 use crate::primitive::Face;
 use glam::Vec3;
 
@@ -311,8 +312,9 @@ unsafe fn walk_level<L: Lanes, const ANY: bool>(
                 let found = unsafe { L::triangles(&blocks[leaf as usize], ray, walk.hit.t) };
                 found.mask != 0 && record(walk, &found, number, leaf, depth)
             };
+            let Nodes::Wide(nodes) = &level.nodes else { return false };
             // SAFETY: as above.
-            unsafe { walk_tree::<L, Block, ANY>(walk, root, &level.nodes, blocks, ray, leaf) }
+            unsafe { walk_tree::<L, _, _, ANY>(walk, root, nodes, blocks, ray, leaf) }
         }
         Content::Group { instances, parts, .. } => {
             let leaf = |walk: &mut Walk<'_>, leaf: u32| {
@@ -324,8 +326,16 @@ unsafe fn walk_level<L: Lanes, const ANY: bool>(
                 // SAFETY: `descend` needs the same features as this walk.
                 unsafe { descend(walk, instance.level, part.root, &local, depth + 1) }
             };
-            // SAFETY: as above.
-            unsafe { walk_tree::<L, Instance, ANY>(walk, root, &level.nodes, instances, ray, leaf) }
+            match &level.nodes {
+                // SAFETY: as above.
+                Nodes::Wide(nodes) => unsafe {
+                    walk_tree::<L, _, _, ANY>(walk, root, nodes, instances, ray, leaf)
+                },
+                // SAFETY: as above.
+                Nodes::Tight(nodes) => unsafe {
+                    walk_tree::<L, _, _, ANY>(walk, root, nodes, instances, ray, leaf)
+                },
+            }
         }
     }
 }
@@ -335,10 +345,10 @@ unsafe fn walk_level<L: Lanes, const ANY: bool>(
 /// # Safety
 /// The processor has the features that `L` needs.
 #[inline(always)]
-unsafe fn walk_tree<L: Lanes, T, const ANY: bool>(
+unsafe fn walk_tree<L: Lanes, N: Branch, T, const ANY: bool>(
     walk: &mut Walk<'_>,
     root: u32,
-    nodes: &[Node],
+    nodes: &[N],
     leaves: &[T],
     ray: &LocalRay,
     visit: impl Fn(&mut Walk<'_>, u32) -> bool,
@@ -357,9 +367,9 @@ unsafe fn walk_tree<L: Lanes, T, const ANY: bool>(
         } else {
             let node = &nodes[link as usize];
             // SAFETY: the caller vouches for the features.
-            let boxes = unsafe { L::boxes(node, ray, walk.hit.t) };
+            let boxes = unsafe { node.boxes::<L>(ray, walk.hit.t) };
             if boxes.mask != 0 {
-                link = nearest_child(walk, nodes, leaves, &boxes, &node.links);
+                link = nearest_child(walk, nodes, leaves, &boxes, node);
                 continue;
             }
         }
@@ -373,18 +383,18 @@ unsafe fn walk_tree<L: Lanes, T, const ANY: bool>(
 /// The nearest of the children that were hit; the others wait, the farthest at the bottom. Any
 /// hit will do for a shadow, yet near ones are the likelier occluders.
 #[inline(always)]
-fn nearest_child<T>(
+fn nearest_child<N: Branch, T>(
     walk: &mut Walk<'_>,
-    nodes: &[Node],
+    nodes: &[N],
     leaves: &[T],
     boxes: &LaneHits,
-    links: &[u32; 8],
+    node: &N,
 ) -> u32 {
     let mut mask = boxes.mask;
     let mut take = || {
         let lane = mask.trailing_zeros() as usize & 7;
         mask &= mask - 1;
-        (links[lane], boxes.t[lane], mask)
+        (node.link(lane), boxes.t[lane], mask)
     };
     let (first, first_t, rest) = take();
     fetch_ahead(nodes, leaves, first);
@@ -426,7 +436,7 @@ fn nearest_child<T>(
 /// Asks for the memory of a child that will be walked soon: waiting for it is a third of the time
 /// of a walk through leaves.
 #[inline(always)]
-fn fetch_ahead<T>(nodes: &[Node], leaves: &[T], link: u32) {
+fn fetch_ahead<N, T>(nodes: &[N], leaves: &[T], link: u32) {
     let index = (link & !LEAF) as usize;
     if link & LEAF == 0 { touch(nodes, index) } else { touch(leaves, index) }
 }
@@ -654,7 +664,7 @@ mod tests {
     fn crowded_placements_are_met_where_brute_force_meets_them() {
         let mut chance = Seed(23).stream("crowd", 0);
         let mesh = Level::mesh(&join_pairs(&leaves_and_twigs(&mut chance)));
-        let placed: Vec<(Instance, u64)> = placements(&mut chance, 40, 1)
+        let placed: Vec<(Instance, u64)> = placements(&mut chance, 120, 1)
             .into_iter()
             .map(|(instance, plant)| {
                 let turn = Quat::from_rotation_z(chance.range(0.0, 6.0) as f32).to_array();

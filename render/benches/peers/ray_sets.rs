@@ -12,7 +12,7 @@
 //! but 1 in 100 rays, and hits with misses for all but 1 in 1,000: rotations of ours have 16 bits
 //! a component, a millimetre at the top of a tree.
 //!
-//! `--write FOLDER` keeps the tree and the placements for other programs, see `write`.
+//! `--paths SAMPLES` renders both views instead, `--write FOLDER` keeps the tree and the placements for other programs, see `write`.
 
 mod ray_sets {
     pub mod embree;
@@ -23,7 +23,7 @@ use ray_sets::embree::{Embree, Quality};
 use ray_sets::wood::{self, Wood};
 use std::error::Error;
 use std::time::Duration;
-use weald_contract::{Seed, seed::Stream};
+use weald_contract::{Seed, Silent, seed::Stream};
 use weald_render::Scene;
 use weald_render::probe::{Met, Probe, are_blocked, distances, meet};
 
@@ -42,7 +42,61 @@ fn main() -> Result<(), Box<dyn Error>> {
         return Ok(());
     }
     for &count in &options.trees {
-        compare(&options, &Wood::new(&tree, count)?)?;
+        let wood = Wood::new(&tree, count)?;
+        match options.paths {
+            Some(samples) => follow_paths(&options, &wood, samples)?,
+            None => compare(&options, &wood)?,
+        }
+    }
+    Ok(())
+}
+
+/// Renders both eyes' views, 640 x 360, five scatterings.
+fn follow_paths(options: &Options, wood: &Wood, samples: u32) -> Result<(), Box<dyn Error>> {
+    let (scene, built) = cpu(|| wood.scene());
+    let scene = scene?;
+    println!("{} trees; scene {built:.2?} CPU of all threads", wood.places.len());
+    for (name, eye, forward) in wood.eyes() {
+        let view = |key: &str| {
+            let at = [0, 1].map(|axis| f64::from(eye[axis]));
+            let to = [0, 1].map(|axis| at[axis] + 40.0 * f64::from(forward[axis]));
+            let height = f64::from(eye[2]) + 40.0 * f64::from(forward[2]);
+            format!(
+                "name = \"{key}\"\nstand_at = {at:?}\neye_height = {}\nlook_at = {to:?}\n\
+                 look_height = {height}\nfov_deg = 60",
+                eye[2]
+            )
+        };
+        let config = |samples: u32, side: [u32; 2]| {
+            format!("view = \"v\"\nresolution = {side:?}\nsamples = {samples}\nbounces = 5")
+        };
+        let view: weald_contract::View = wood::read(&view("v"))?;
+        let one: weald_render::Config = wood::read(&config(1, [1, 1]))?;
+        let (first, time) = cpu(|| weald_render::render(&scene, &view, &one, Seed(1), &Silent));
+        first?;
+        println!("{name}: first pixel {time:.2?} CPU after the scene");
+        let config: weald_render::Config = wood::read(&config(samples, [640, 360]))?;
+        let mut rates = Vec::new();
+        let mut mean = 0.0;
+        for seed in 0..options.repeat as u64 {
+            let (film, time) =
+                cpu(|| weald_render::render(&scene, &view, &config, Seed(seed), &Silent));
+            let film = film?;
+            let counted = film.statistics();
+            rates.push(counted.samples as f64 / time.as_secs_f64() / 1e6);
+            let picture = film.picture();
+            let green = picture.channel("G").unwrap_or_default();
+            mean = green.iter().map(|&g| f64::from(g)).sum::<f64>() / green.len() as f64;
+            if seed == 0 {
+                println!(
+                    "{name}: {:.2} rays a sample",
+                    counted.rays as f64 / counted.samples as f64
+                );
+            }
+        }
+        rates.sort_by(f64::total_cmp);
+        let median = rates[rates.len() / 2];
+        println!("{name}: {median:.4} million samples a CPU second, mean green {mean:.5}");
     }
     Ok(())
 }
@@ -54,6 +108,7 @@ struct Options {
     trees: Vec<usize>,
     repeat: usize,
     write: Option<std::path::PathBuf>,
+    paths: Option<u32>,
 }
 
 impl Options {
@@ -64,6 +119,7 @@ impl Options {
             trees: Vec::new(),
             repeat: 5,
             write: None,
+            paths: None,
         };
         while let Some(name) = arguments.next() {
             if name == "--high" {
@@ -75,6 +131,7 @@ impl Options {
                 "--embree" => options.embree = Some(value),
                 "--trees" => options.trees.push(value.parse()?),
                 "--repeat" => options.repeat = value.parse()?,
+                "--paths" => options.paths = Some(value.parse()?),
                 "--write" => options.write = Some(value.into()),
                 other => return Err(format!("unknown option {other}").into()),
             }

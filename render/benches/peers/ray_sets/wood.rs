@@ -242,3 +242,10 @@ impl Wood {
         (positions, triangles)
     }
 }
+
+/// A table of the scene's language.
+pub fn read<T: weald_contract::FromToml>(text: &str) -> Result<T, Box<dyn Error>> {
+    let mut problems = Vec::new();
+    let value = weald_contract::Value::parse(0, text).map_err(|p| p[0].clone())?;
+    T::from_toml(&value, &mut problems).ok_or_else(|| problems[0].clone().into())
+}

@@ -1,12 +1,18 @@
 //! The film: what each pixel gathered, and the picture made of it.
 
+use crate::matte::{self, RANKS, Ranked};
 use crate::tone::{LUMINANCE, luminance};
 use glam::Vec3;
+use std::collections::BTreeMap;
 use weald_contract::Picture;
 
 /// Value of `Z` where nothing but sky is seen, m: as Blender writes it, so that compositors
 /// which multiply by coverage meet no infinity.
 pub const SKY_DEPTH: f32 = 1e10;
+
+/// Names of the cryptomatte layers.
+const SPECIES_MATTE: &str = "CryptoSpecies";
+const PLANT_MATTE: &str = "CryptoPlant";
 
 /// Largest radiance kept in a picture: the largest finite half-precision number.
 const MAX_RADIANCE: f64 = 65504.0;
@@ -30,8 +36,11 @@ pub(crate) struct Pixel {
     pub normal: [f64; 3],
     /// Distance along the view axis and position of the nearest first hit.
     pub nearest: Option<(f32, [f32; 3])>,
-    /// Species and plant that most samples saw.
-    pub seen: Vote,
+    /// Species and plant that most samples saw; 0 and 0 when that is the sky or no plant.
+    pub majority: (u32, u64),
+    /// Hashes of species and of plants, with the samples that saw them.
+    pub species: Ranked<u32>,
+    pub plants: Ranked<u32>,
 }
 
 impl Pixel {
@@ -61,25 +70,11 @@ impl Pixel {
     }
 }
 
-/// Majority vote over (species, plant) pairs in constant space [BM91].
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Vote {
-    candidate: (u32, u64),
-    lead: u32,
-}
-
-impl Vote {
-    /// Counts one ballot.
-    pub fn cast(&mut self, species: u32, plant: u64) {
-        if self.lead == 0 {
-            self.candidate = (species, plant);
-        }
-        if self.candidate == (species, plant) {
-            self.lead += 1;
-        } else {
-            self.lead -= 1;
-        }
-    }
+/// Names behind the hashes of a picture.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Names {
+    pub species: BTreeMap<u32, String>,
+    pub plants: BTreeMap<u32, String>,
 }
 
 /// What a rendering counted.
@@ -97,6 +92,8 @@ pub struct Film {
     pub(crate) width: usize,
     pub(crate) height: usize,
     pub(crate) pixels: Vec<Pixel>,
+    /// Names of species and of plants in the picture, by their hashes.
+    pub(crate) names: Names,
     pub(crate) statistics: FilmStatistics,
 }
 
@@ -115,9 +112,11 @@ impl Film {
     /// `species` and `plant` (of the majority; 0 where there is no plant; plant numbers modulo
     /// 2²⁴, the largest whole number a float counts to), `samples`, `direct.R/G/B` (the part of
     /// `R G B` that comes straight from a light or was scattered once), `indirect.R/G/B` (the
-    /// rest), `variance` (of the luminance `R G B` has, (kcd/m²)²; an upper bound).
+    /// rest), `variance` (of the luminance `R G B` has, (kcd/m²)²; an upper bound), and the
+    /// cryptomattes `CryptoSpecies00` to `02` and `CryptoPlant00` to `02`, whose names stand in
+    /// the picture's attributes.
     pub fn picture(&self) -> Picture {
-        let mut picture = Picture { width: self.width, height: self.height, channels: Vec::new() };
+        let mut picture = Picture::new(self.width, self.height);
         let mut add = |name: &str, is_exact: bool, value: &dyn Fn(&Pixel) -> f32| {
             picture.add(name, is_exact, self.pixels.iter().map(value).collect());
         };
@@ -135,8 +134,8 @@ impl Film {
         for (index, name) in ["position.X", "position.Y", "position.Z"].into_iter().enumerate() {
             add(name, true, &|pixel| pixel.nearest.map_or(0.0, |(_, position)| position[index]));
         }
-        add("species", true, &|pixel| pixel.seen.candidate.0 as f32);
-        add("plant", true, &|pixel| (pixel.seen.candidate.1 & 0xff_ffff) as f32);
+        add("species", true, &|pixel| pixel.majority.0 as f32);
+        add("plant", true, &|pixel| (pixel.majority.1 & 0xff_ffff) as f32);
         add("samples", true, &|pixel| pixel.samples as f32);
         for (index, name) in ["direct.R", "direct.G", "direct.B"].into_iter().enumerate() {
             add(name, false, &|pixel| mean(pixel.direct[index], pixel.samples));
@@ -146,6 +145,19 @@ impl Film {
             add(name, false, &|pixel| mean(indirect(pixel), pixel.samples));
         }
         add("variance", true, &|pixel| pixel.variance() as f32);
+        for rank in 0..RANKS {
+            // Two things to a layer of four channels: hash and share, hash and share.
+            let parts = if rank % 2 == 0 { ["R", "G"] } else { ["B", "A"] };
+            let things: [(&str, fn(&Pixel) -> &Ranked<u32>); 2] =
+                [(SPECIES_MATTE, |pixel| &pixel.species), (PLANT_MATTE, |pixel| &pixel.plants)];
+            for (layer, ranked) in things {
+                let [hash, share] = parts.map(|part| format!("{layer}{:02}.{part}", rank / 2));
+                add(&hash, true, &|pixel| f32::from_bits(ranked(pixel)[rank].0));
+                add(&share, true, &|pixel| mean(f64::from(ranked(pixel)[rank].1), pixel.samples));
+            }
+        }
+        picture.attributes.extend(matte::attributes(SPECIES_MATTE, &self.names.species));
+        picture.attributes.extend(matte::attributes(PLANT_MATTE, &self.names.plants));
         picture
     }
 }
@@ -163,15 +175,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_vote_goes_to_the_majority() {
-        let mut vote = Vote::default();
-        for plant in [1, 2, 2, 3, 2, 2, 1] {
-            vote.cast(5, plant);
-        }
-        assert_eq!(vote.candidate, (5, 2));
-    }
-
-    #[test]
     fn the_variance_is_that_of_the_mean_of_independent_samples() {
         let mut pixel = Pixel::default();
         for grey in [1.0, 2.0, 3.0, 6.0] {
@@ -186,8 +189,13 @@ mod tests {
     #[test]
     fn a_pixel_that_saw_only_sky_is_transparent_and_far() {
         let pixel = Pixel { radiance: [2.0, 4.0, 8.0], samples: 2, ..Pixel::default() };
-        let film =
-            Film { width: 1, height: 1, pixels: vec![pixel], statistics: Default::default() };
+        let film = Film {
+            width: 1,
+            height: 1,
+            pixels: vec![pixel],
+            names: Names::default(),
+            statistics: Default::default(),
+        };
         let picture = film.picture();
         assert_eq!(picture.channel("G"), Some(&[2.0][..]));
         assert_eq!(picture.channel("A"), Some(&[0.0][..]));

@@ -17,6 +17,7 @@ mod coat;
 mod config;
 mod film;
 mod ground;
+mod matte;
 mod noise;
 mod path;
 mod primitive;
@@ -38,7 +39,7 @@ pub use tone::tone_map;
 use weald_contract::Problem;
 
 /// Changes whenever the same input would give other bytes than before.
-pub const OUTPUT_VERSION: u32 = 4;
+pub const OUTPUT_VERSION: u32 = 5;
 
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]

@@ -10,7 +10,8 @@
 use crate::accel::{Hit, Place, Ray, Scratch as Stack};
 use crate::bsdf::{Bsdf, Material, any_direction};
 use crate::camera::{Camera, Filter};
-use crate::film::{Film, FilmStatistics, Pixel};
+use crate::film::{Film, FilmStatistics, Names, Pixel};
+use crate::matte::{Ballots, name_hash};
 use crate::noise::value;
 use crate::sampler::Sampler;
 use crate::scene::Scene;
@@ -19,6 +20,8 @@ use crate::{Config, Error, water};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::ops::Range;
+use std::sync::{Mutex, PoisonError};
+use weald_contract::progress::Figure;
 use weald_contract::{Progress, Seed, View, seed::mix};
 
 /// Side of the squares of pixels that threads take, pixels.
@@ -69,6 +72,7 @@ pub fn render(
         height,
     };
     progress.begin("light paths", (width * height) as u64 * u64::from(config.samples), "samples");
+    let noise = Mutex::new(Noise::default());
     let tiles: Vec<Result<Tile, Error>> = (0..columns * rows)
         .into_par_iter()
         .map(|number| {
@@ -77,6 +81,11 @@ pub fn render(
             }
             let tile = job.tile(number % columns * TILE, number / columns * TILE);
             progress.advance(tile.pixels.len() as u64 * u64::from(config.samples));
+            // Shown and forgotten: what it adds up to depends on the order of the tiles.
+            let mut sum = noise.lock().unwrap_or_else(PoisonError::into_inner);
+            sum.add(Noise::of(tile.pixels.iter().map(|(_, pixel)| pixel)));
+            progress.figure("rays", Figure::Counted(tile.rays));
+            progress.figure("noise", Figure::Level(sum.value()));
             Ok(tile)
         })
         .collect();
@@ -84,11 +93,14 @@ pub fn render(
         width,
         height,
         pixels: vec![Pixel::default(); width * height],
+        names: Names::default(),
         statistics: FilmStatistics::default(),
     };
     for tile in tiles {
         let tile = tile?;
         film.statistics.rays += tile.rays;
+        film.names.species.extend(tile.names.species);
+        film.names.plants.extend(tile.names.plants);
         for (index, pixel) in tile.pixels {
             film.statistics.samples += u64::from(pixel.samples);
             film.pixels[index] = pixel;
@@ -125,8 +137,12 @@ struct Job<'a> {
 /// Finished pixels with their index in the picture.
 struct Tile {
     pixels: Vec<(usize, Pixel)>,
+    names: Names,
     rays: u64,
 }
+
+/// What mattes call ground, water and objects.
+const NO_PLANT: &str = "no plant";
 
 impl Job<'_> {
     fn tile(&self, left: usize, top: usize) -> Tile {
@@ -134,21 +150,57 @@ impl Job<'_> {
         let rows = top..(top + TILE).min(self.height);
         let columns = left..(left + TILE).min(self.width);
         let places = rows.flat_map(|y| columns.clone().map(move |x| (x, y)));
-        let mut pixels: Vec<_> = places.map(|place| (place, Pixel::default())).collect();
+        let mut pixels: Vec<_> =
+            places.map(|place| (place, Pixel::default(), Ballots::default())).collect();
         let mut taken = 0;
         while taken < self.samples {
             let next = if self.noise > 0.0 { taken + ROUND } else { self.samples };
             let round = taken..next.min(self.samples);
             taken = round.end;
-            for (place, pixel) in &mut pixels {
-                self.sample(*place, round.clone(), pixel, &mut scratch);
+            for (place, pixel, ballots) in &mut pixels {
+                self.sample(*place, round.clone(), (pixel, ballots), &mut scratch);
             }
-            if is_quiet(pixels.iter().map(|(_, pixel)| pixel), self.noise) {
+            if Noise::of(pixels.iter().map(|(_, pixel, _)| pixel)).is_at_most(self.noise) {
                 break;
             }
         }
-        let index = |((x, y), pixel)| (y * self.width + x, pixel);
-        Tile { pixels: pixels.into_iter().map(index).collect(), rays: scratch.rays }
+        let mut tile = Tile { pixels: Vec::new(), names: Names::default(), rays: scratch.rays };
+        for ((x, y), mut pixel, ballots) in pixels {
+            self.count(&mut pixel, &ballots, &mut tile.names);
+            tile.pixels.push((y * self.width + x, pixel));
+        }
+        tile
+    }
+
+    /// Gives a pixel what its samples saw.
+    fn count(&self, pixel: &mut Pixel, ballots: &Ballots, names: &mut Names) {
+        let species_name = |species: u32| match species.checked_sub(1) {
+            Some(index) => self.tracer.scene.species.get(index as usize).map_or("", String::as_str),
+            None => NO_PLANT,
+        };
+        let plants = ballots.plants();
+        if plants[0].1 > pixel.samples - pixel.covered {
+            pixel.majority = plants[0].0;
+        }
+        for (rank, (species, count)) in ballots.species().into_iter().enumerate() {
+            if count > 0 {
+                let name = species_name(species);
+                let hash = name_hash(name);
+                pixel.species[rank] = (hash, count);
+                names.species.entry(hash).or_insert_with(|| name.to_string());
+            }
+        }
+        for (rank, ((species, plant), count)) in plants.into_iter().enumerate() {
+            if count > 0 {
+                let name = match species {
+                    0 => NO_PLANT.to_string(),
+                    _ => format!("{} {plant}", species_name(species)),
+                };
+                let hash = name_hash(&name);
+                pixel.plants[rank] = (hash, count);
+                names.plants.entry(hash).or_insert(name);
+            }
+        }
     }
 
     /// Traces some of a pixel's samples.
@@ -156,7 +208,7 @@ impl Job<'_> {
         &self,
         (x, y): (usize, usize),
         samples: Range<u32>,
-        pixel: &mut Pixel,
+        (pixel, ballots): (&mut Pixel, &mut Ballots),
         scratch: &mut Scratch,
     ) {
         for sample in samples {
@@ -169,19 +221,18 @@ impl Job<'_> {
             let py = -at(y, self.filter.offset(fy), self.height);
             let ray = self.camera.ray(px, py, [lens_u, lens_v]);
             let gathered = self.tracer.trace(ray, &mut sampler, scratch);
-            self.expose(pixel, &gathered);
+            self.expose(pixel, ballots, &gathered);
         }
     }
 
     /// Adds one sample to a pixel.
-    fn expose(&self, pixel: &mut Pixel, gathered: &Gathered) {
+    fn expose(&self, pixel: &mut Pixel, ballots: &mut Ballots, gathered: &Gathered) {
         pixel.samples += 1;
         // One broken number would blacken the pixel for good.
         if gathered.light.is_finite() {
             pixel.add_light(gathered.light, gathered.direct);
         }
         let Some(seen) = gathered.seen else {
-            pixel.seen.cast(0, 0);
             return;
         };
         pixel.covered += 1;
@@ -196,20 +247,44 @@ impl Job<'_> {
         if pixel.nearest.is_none_or(|(nearest, _)| depth < nearest) {
             pixel.nearest = Some((depth, position));
         }
-        pixel.seen.cast(seen.species, seen.plant);
+        ballots.cast(seen.species, seen.plant);
     }
 }
 
-/// Whether the standard error of pixels, over their mean luminance, is at most `noise`.
-fn is_quiet<'a>(pixels: impl Iterator<Item = &'a Pixel>, noise: f64) -> bool {
-    let (mut variance, mut light, mut count) = (0.0, 0.0, 0.0);
-    for pixel in pixels {
-        variance += pixel.variance();
-        light += pixel.brightness() / f64::from(pixel.samples.max(1));
-        count += 1.0;
+/// Sums over pixels from which their noise follows.
+#[derive(Clone, Copy, Debug, Default)]
+struct Noise {
+    variance: f64,
+    light: f64,
+    count: f64,
+}
+
+impl Noise {
+    /// The noise of some pixels.
+    fn of<'a>(pixels: impl Iterator<Item = &'a Pixel>) -> Self {
+        pixels.fold(Self::default(), |sum, pixel| Self {
+            variance: sum.variance + pixel.variance(),
+            light: sum.light + pixel.brightness() / f64::from(pixel.samples.max(1)),
+            count: sum.count + 1.0,
+        })
     }
-    // √(variance / count) <= noise · light / count, without roots and divisions.
-    variance * count <= (noise * light).powi(2)
+
+    /// Whether the standard error of the pixels, over their mean luminance, is at most `noise`.
+    fn is_at_most(&self, noise: f64) -> bool {
+        // √(variance / count) <= noise · light / count, without roots and divisions.
+        self.variance * self.count <= (noise * self.light).powi(2)
+    }
+
+    fn add(&mut self, other: Self) {
+        self.variance += other.variance;
+        self.light += other.light;
+        self.count += other.count;
+    }
+
+    /// The standard error over the mean luminance; 0 where all is black.
+    fn value(&self) -> f64 {
+        if self.light > 0.0 { (self.variance * self.count).sqrt() / self.light } else { 0.0 }
+    }
 }
 
 /// What came along a path.

@@ -90,7 +90,7 @@ mod tests {
     use super::*;
 
     fn grey(values: &[f32]) -> Picture {
-        let mut picture = Picture { width: values.len(), height: 1, channels: Vec::new() };
+        let mut picture = Picture::new(values.len(), 1);
         for name in ["R", "G", "B"] {
             picture.add(name, false, values.to_vec());
         }

@@ -258,15 +258,25 @@ pub struct Plants {
 #[derive(Debug, ClapArgs)]
 #[command(after_long_help = "\
 Examples:
-  weald render scenes/pond --from out/pond -o image.exr
-  weald render scenes/pond --from out/pond --set render.samples=256 -o fine.exr")]
+  weald render scenes/pond -o image.exr            from the files in out/pond
+  weald render scenes/pond -o fine.exr --samples 256 --noise 0.02
+  weald render scenes/pond --from elsewhere -o image.exr --set sky.sun_elevation_deg=12")]
 pub struct Render {
     /// The scene.
     #[command(flatten)]
     pub scene: SceneArgs,
-    /// Folder that holds terrain/, palette.toml, instances.parquet and plants/.
+    /// Folder that holds terrain/, palette.toml, instances.parquet and plants/ [default: out/NAME].
     #[arg(long, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
-    pub from: PathBuf,
+    pub from: Option<PathBuf>,
+    /// Light paths a pixel, instead of the scene's.
+    #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=65536))]
+    pub samples: Option<u32>,
+    /// Stop where the noise is this low: 0.02 is clean, 0.1 a good draft; `--samples` is then the most.
+    #[arg(long, value_name = "PART")]
+    pub noise: Option<f32>,
+    /// The view to render, instead of the scene's.
+    #[arg(long, value_name = "NAME")]
+    pub view: Option<String>,
     /// Small and quick, as in `weald run --draft`.
     #[arg(long)]
     pub draft: bool,

@@ -289,8 +289,17 @@ fn plants_alone(arguments: &args::Plants, global: &Global, shown: &Shown) -> Res
 }
 
 fn render_alone(arguments: &args::Render, global: &Global, shown: &Shown) -> Result<Made> {
-    let scene = load(&arguments.scene, global)?;
-    let layout = weald_run::Layout { out: arguments.from.clone() };
+    let set = |name: &str, value: Option<String>| value.map(|v| format!("render.{name}={v}"));
+    let shortcuts = [
+        set("samples", arguments.samples.map(|samples| samples.to_string())),
+        set("noise", arguments.noise.map(|noise| noise.to_string())),
+        set("view", arguments.view.as_ref().map(|view| format!("{view:?}"))),
+    ];
+    let mut wanted = arguments.scene.clone();
+    wanted.set.extend(shortcuts.into_iter().flatten());
+    let scene = load(&wanted, global)?;
+    let default = || Path::new("out").join(&scene.name);
+    let layout = weald_run::Layout { out: arguments.from.clone().unwrap_or_else(default) };
     let paths = RenderPaths {
         terrain: layout.terrain(),
         palette: layout.palette(),

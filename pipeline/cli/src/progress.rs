@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use weald_contract::Progress;
+use weald_contract::progress::Figure;
 use weald_run::check::seconds_in_words;
 use weald_run::plan::Step;
 use weald_run::{Listener, Stage};
@@ -45,12 +46,46 @@ struct State {
     bar: Option<ProgressBar>,
     stage: Option<Stage>,
     began: Instant,
+    /// The part of the stage that goes on, since when, and its figures in the order they came.
+    part: String,
+    part_began: Instant,
+    figures: Vec<(String, Figure)>,
+}
+
+impl State {
+    /// The part and its figures on one line.
+    fn words(&self) -> String {
+        let seconds = self.part_began.elapsed().as_secs_f64().max(0.1);
+        let figures = self.figures.iter().map(|(name, figure)| match figure {
+            Figure::Counted(count) => {
+                format!("{} {name}/s", rate_in_words(*count as f64 / seconds))
+            }
+            Figure::Level(value) => format!("{name} {value:.3}"),
+        });
+        std::iter::once(self.part.clone()).chain(figures).collect::<Vec<_>>().join("  ")
+    }
+}
+
+/// A rate as people say it: three digits and a power of thousand.
+fn rate_in_words(rate: f64) -> String {
+    match rate {
+        r if r >= 1e6 => format!("{:.2} M", r / 1e6),
+        r if r >= 1e3 => format!("{:.1} k", r / 1e3),
+        r => format!("{r:.0}"),
+    }
 }
 
 impl Shown {
     /// Follows the global flags.
     pub fn new(global: &Global) -> Self {
-        let state = State { bar: None, stage: None, began: Instant::now() };
+        let state = State {
+            bar: None,
+            stage: None,
+            began: Instant::now(),
+            part: String::new(),
+            part_began: Instant::now(),
+            figures: Vec::new(),
+        };
         Self {
             state: Mutex::new(state),
             is_quiet: global.quiet,
@@ -80,12 +115,15 @@ impl Progress for Shown {
         }
         let mut state = self.state();
         let word = state.stage.map_or("", Stage::word);
+        state.part = what.to_string();
+        state.part_began = Instant::now();
+        state.figures.clear();
         if let Some(bar) = state.bar.take() {
             bar.finish_and_clear();
         }
         if self.is_terminal {
             let bar = ProgressBar::new(total)
-                .with_style(style(unit))
+                .with_style(style(unit, 20))
                 .with_prefix(word)
                 .with_message(what.to_string());
             bar.enable_steady_tick(Duration::from_millis(200));
@@ -101,17 +139,43 @@ impl Progress for Shown {
         }
     }
 
+    fn figure(&self, name: &str, figure: Figure) {
+        let mut state = self.state();
+        let is_first = state.figures.is_empty();
+        match (state.figures.iter_mut().find(|(known, _)| known == name), figure) {
+            (Some((_, Figure::Counted(sum))), Figure::Counted(more)) => *sum += more,
+            (Some((_, level)), figure) => *level = figure,
+            (None, figure) => state.figures.push((name.to_string(), figure)),
+        }
+        if let Some(bar) = &state.bar {
+            if is_first {
+                bar.set_style(style("", 46));
+            }
+            bar.set_message(state.words());
+        }
+    }
+
+    fn say(&self, what: &str) {
+        if self.is_quiet {
+            return;
+        }
+        let state = self.state();
+        let word = state.stage.map_or("", Stage::word);
+        self.say(&state, &format!("{word:<10}{what}"));
+    }
+
     fn is_cancelled(&self) -> bool {
         is_stopped()
     }
 }
 
 /// A bar with its unit; templates of ours are right, so the fallback is never seen.
-fn style(unit: &str) -> ProgressStyle {
+fn style(unit: &str, words: usize) -> ProgressStyle {
     let unit = unit.replace(['{', '}'], "");
     // The bar takes what room the terminal leaves, so that the line never wraps.
-    let template =
-        format!("{{prefix:<10}}{{msg:<20!}} {{wide_bar}} {{pos}}/{{len}} {unit} {{eta:>3}}");
+    let done =
+        if unit.is_empty() { "{percent}%".into() } else { format!("{{pos}}/{{len}} {unit}") };
+    let template = format!("{{prefix:<10}}{{msg:<{words}!}} {{wide_bar}} {done} {{eta:>3}} left");
     ProgressStyle::with_template(&template).unwrap_or_else(|_| ProgressStyle::default_bar())
 }
 

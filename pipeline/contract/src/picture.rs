@@ -1,5 +1,7 @@
 //! A picture of named channels.
 
+use std::collections::BTreeMap;
+
 /// Floating point channels of one size, linear light, top row first.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Picture {
@@ -7,6 +9,8 @@ pub struct Picture {
     pub width: usize,
     /// Pixels down.
     pub height: usize,
+    /// Texts beside the pixels, by the names they have in OpenEXR: `cryptomatte/1a2b3c4/manifest`.
+    pub attributes: BTreeMap<String, String>,
     /// The channels, by the names they have in OpenEXR: `R`, `Z`, `albedo.R`, `normal.X`.
     pub channels: Vec<Channel>,
 }
@@ -23,6 +27,11 @@ pub struct Channel {
 }
 
 impl Picture {
+    /// A picture without channels.
+    pub fn new(width: usize, height: usize) -> Self {
+        Self { width, height, ..Self::default() }
+    }
+
     /// Values of the channel with this name.
     pub fn channel(&self, name: &str) -> Option<&[f32]> {
         self.channels.iter().find(|channel| channel.name == name).map(|c| c.values.as_slice())

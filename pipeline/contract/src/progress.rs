@@ -8,10 +8,23 @@ pub trait Progress: Sync {
     fn begin(&self, what: &str, total: u64, unit: &str);
     /// `steps` more of the current part are done.
     fn advance(&self, steps: u64);
+    /// A figure of the current part beside its steps, shown as it changes.
+    fn figure(&self, _name: &str, _figure: Figure) {}
+    /// Something the user should know before the next part begins.
+    fn say(&self, _what: &str) {}
     /// Whether the user asked to stop. Stages look at it at least every few seconds.
     fn is_cancelled(&self) -> bool {
         false
     }
+}
+
+/// A number that tells more of the work than its steps do.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Figure {
+    /// So many more of something, for instance rays: the caller may show them by the second.
+    Counted(u64),
+    /// Where something stands, for instance the noise that is left.
+    Level(f64),
 }
 
 /// Progress that nobody watches.

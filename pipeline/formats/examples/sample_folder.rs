@@ -185,7 +185,7 @@ fn sapling() -> PlantModel {
 fn picture() -> Picture {
     let (width, height) = (64usize, 48usize);
     let ramp = |scale: f32| (0..width * height).map(|i| i as f32 * scale).collect::<Vec<f32>>();
-    let mut picture = Picture { width, height, channels: Vec::new() };
+    let mut picture = Picture::new(width, height);
     for name in ["R", "G", "B", "A", "albedo.R", "normal.X"] {
         picture.add(name, false, vec![0.5; width * height]);
     }

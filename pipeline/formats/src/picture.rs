@@ -58,6 +58,12 @@ pub fn write_picture(path: &Path, picture: &Picture, provenance: &Provenance) ->
     if let Some(json) = Text::new_or_none(ascii(&provenance.to_json())) {
         attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(json));
     }
+    for (name, text) in &picture.attributes {
+        if let (Some(name), Some(text)) = (Text::new_or_none(name), Text::new_or_none(ascii(text)))
+        {
+            attributes.other.insert(name, AttributeValue::Text(text));
+        }
+    }
     let layer = exr::image::Layer::new(
         size,
         attributes,
@@ -151,7 +157,14 @@ pub fn parse_picture(path: &Path, bytes: &[u8]) -> Result<Picture> {
     })?;
     let layer = image.layer_data;
     let (width, height) = (layer.size.width(), layer.size.height());
-    let mut picture = Picture { width, height, channels: Vec::new() };
+    let mut picture = Picture::new(width, height);
+    for (name, value) in layer.attributes.other {
+        if let AttributeValue::Text(text) = value
+            && name != Text::from(ATTRIBUTE)
+        {
+            picture.attributes.insert(name.to_string(), text.to_string());
+        }
+    }
     for channel in layer.channel_data.list {
         let name = channel.name.to_string();
         let (values, is_exact): (Vec<f32>, bool) = match channel.sample_data {
@@ -198,7 +211,7 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> exr::error::Result<T>) -> Resu
 
 /// Reads one band: the only channel, or `Y`, or `R` when red, green and blue agree.
 pub(crate) fn read_image(path: &Path) -> Result<Image> {
-    let Picture { width, height, mut channels } = read_picture(path)?;
+    let Picture { width, height, mut channels, .. } = read_picture(path)?;
     let find = |name: &str| channels.iter().position(|channel| channel.name == name);
     let values = |index: Option<usize>| index.and_then(|i| channels.get(i)).map(|c| &c.values);
     let (red, green, blue) = (find("R"), find("G"), find("B"));
@@ -240,7 +253,7 @@ mod tests {
     fn sample() -> Picture {
         let (width, height) = (37, 21);
         let ramp = |k: f32| (0..width * height).map(|i| i as f32 * k).collect::<Vec<f32>>();
-        let mut picture = Picture { width, height, channels: Vec::new() };
+        let mut picture = Picture::new(width, height);
         // By name, as the file sorts them.
         picture.add("B", false, ramp(0.25));
         picture.add("G", false, ramp(0.5));
@@ -248,6 +261,8 @@ mod tests {
         picture.add("Z", true, ramp(0.1));
         picture.add("albedo.R", false, ramp(0.125));
         picture.add("plant", true, ramp(12_345.0));
+        let manifest = "{\"aspen\":\"1234abcd\"}".to_string();
+        picture.attributes.insert("cryptomatte/0123456/manifest".into(), manifest);
         picture
     }
 
@@ -263,7 +278,7 @@ mod tests {
     #[test]
     fn equal_pictures_give_equal_bytes() {
         let folder = tempfile::tempdir().unwrap();
-        let mut large = Picture { width: 300, height: 400, channels: Vec::new() };
+        let mut large = Picture::new(300, 400);
         large.add("Y", true, (0..120_000).map(|i| ((i * 7919) % 1000) as f32).collect());
         let write = |name: &str| {
             let path = folder.path().join(name);
@@ -277,7 +292,7 @@ mod tests {
     fn light_too_bright_for_sixteen_bits_stays_finite() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sun.exr");
-        let mut sun = Picture { width: 1, height: 1, channels: Vec::new() };
+        let mut sun = Picture::new(1, 1);
         sun.add("R", false, vec![1e9]);
         write_picture(&path, &sun, &story()).unwrap();
         assert_eq!(read_picture(&path).unwrap().channel("R"), Some(&[65504.0][..]));
@@ -288,7 +303,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("density.exr");
         let band = |names: &[(&str, f32)]| {
-            let mut picture = Picture { width: 1, height: 1, channels: Vec::new() };
+            let mut picture = Picture::new(1, 1);
             names.iter().for_each(|&(name, value)| picture.add(name, true, vec![value]));
             write_picture(&path, &picture, &story()).unwrap();
             read_image(&path).map(|image| image.values)

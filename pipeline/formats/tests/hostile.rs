@@ -74,7 +74,7 @@ fn specimens() -> Vec<Specimen> {
     let table = Table::default().with("a", Column::Float(vec![1.0; 50]));
     let table =
         written("t.parquet", |path| weald_formats::write_table(path, &table, &provenance()));
-    let mut picture = Picture { width: 20, height: 18, channels: Vec::new() };
+    let mut picture = Picture::new(20, 18);
     picture.add("R", false, vec![0.5; 360]);
     picture.add("Z", true, (0..360).map(|i| i as f32).collect());
     let picture =

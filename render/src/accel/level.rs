@@ -80,27 +80,45 @@ pub(crate) struct Part {
 
 /// Numbers of plants, in as many bytes as they need.
 pub(crate) enum Plants {
-    Narrow(Vec<u32>),
+    /// Numbers of 32 bits, or of 64 bits whose upper halves are few, as those of a step of ecosim
+    /// are: the lower halves, and for each the number of its upper half.
+    Narrow { low: Vec<u32>, upper: Vec<u8>, halves: Vec<u32> },
+    /// Any numbers.
     Wide(Vec<u64>),
 }
 
 impl Plants {
     fn new(plants: Vec<u64>) -> Self {
-        let narrow: Result<Vec<u32>, _> = plants.iter().map(|&plant| plant.try_into()).collect();
-        narrow.map_or(Self::Wide(plants), Self::Narrow)
+        let half = |plant: &u64| (plant >> 32) as u32;
+        let mut halves: Vec<u32> = Vec::new();
+        for plant in &plants {
+            if let Err(place) = halves.binary_search(&half(plant)) {
+                halves.insert(place, half(plant));
+            }
+            if halves.len() > 256 {
+                return Self::Wide(plants);
+            }
+        }
+        let low = plants.iter().map(|&plant| plant as u32).collect();
+        let number = |plant: &u64| halves.partition_point(|&known| known < half(plant)) as u8;
+        let upper = if halves.len() > 1 { plants.iter().map(number).collect() } else { Vec::new() };
+        Self::Narrow { low, upper, halves }
     }
 
     /// The plant of an instance.
     pub fn of(&self, instance: usize) -> u64 {
         match self {
-            Self::Narrow(plants) => u64::from(plants[instance]),
+            Self::Narrow { low, upper, halves } => {
+                let upper = upper.get(instance).map_or(0, |&number| usize::from(number));
+                u64::from(halves[upper]) << 32 | u64::from(low[instance])
+            }
             Self::Wide(plants) => plants[instance],
         }
     }
 
     fn bytes(&self) -> usize {
         match self {
-            Self::Narrow(plants) => size_of_val(&plants[..]),
+            Self::Narrow { low, upper, .. } => size_of_val(&low[..]) + upper.len(),
             Self::Wide(plants) => size_of_val(&plants[..]),
         }
     }
@@ -391,5 +409,21 @@ impl Level {
             }
         };
         (self.nodes.bytes() + content) as u64
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_of_plants_come_back_in_whatever_form_they_are_kept() {
+        let few: Vec<u64> = (0..1000).map(|i| (i % 7) << 45 | i * 3).collect();
+        let many: Vec<u64> = (0..1000).map(|i| i << 40 | 5).collect();
+        for (numbers, bytes) in [((0..1000).collect(), 4000), (few, 5000), (many, 8000)] {
+            let plants = Plants::new(numbers.clone());
+            assert_eq!(plants.bytes(), bytes);
+            assert!(numbers.iter().enumerate().all(|(i, &number)| plants.of(i) == number));
+        }
     }
 }

@@ -3,10 +3,11 @@
 use super::{
     Made, at_field, file_name, make_folder_of, parent, plant_file, stage_error, stage_seed,
 };
+use crate::check::bytes_in_words;
 use crate::error::{Error, Result};
 use crate::parameters::render_config;
 use crate::preview::Sketch;
-use crate::prototypes::FolderPrototypes;
+use crate::prototypes::HeldPrototypes;
 use crate::recipe::Stage;
 use crate::scene::{Scene, SceneInput};
 use serde_json::{Value as Json, json};
@@ -59,19 +60,27 @@ pub fn render(
         Error::plain(format!("unknown view `{}`", scene.render.view.value), "add a `[[view]]`")
     })?;
     let config = render_config(scene, is_draft);
+    let prototypes = HeldPrototypes::read(&paths.plants, &palette, &instances)?;
+    let objects = objects(scene, &terrain)?;
+    let patches: usize = terrain.detail.iter().map(|patch| patch.frame.len()).sum();
+    let cells = (terrain.frame.len() + patches) as u64;
+    let need = prototypes.bytes(&instances, &objects, cells) + config.film_bytes();
+    progress.say(&format!("takes about {} of memory", bytes_in_words(need)));
     let built = weald_render::Scene::build(
         &weald_render::Parts {
             terrain: &terrain,
             palette: &palette,
             instances: &instances,
-            prototypes: &FolderPrototypes { folder: &paths.plants },
-            objects: &objects(scene, &terrain)?,
+            prototypes: &prototypes,
+            objects: &objects,
             species: &species_names(&palette),
         },
         &scene.sky,
         progress,
     )
     .map_err(error())?;
+    // The scene holds all that is needed of them.
+    drop((instances, prototypes, objects));
     let film = weald_render::render(&built, view, &config, stage_seed(scene, stage), progress)
         .map_err(error())?;
 

@@ -14,7 +14,7 @@ use exr::prelude::{
     AnyChannel, AnyChannels, Encoding, FlatSamples, IntegerBounds, LayerAttributes, ReadChannels,
     ReadLayers, SmallVec, Vec2, WritableImage, f16,
 };
-use std::io::Cursor;
+use std::io::{Cursor, Write};
 use std::path::Path;
 use weald_contract::{Channel, Image, Picture};
 
@@ -73,7 +73,35 @@ pub fn write_picture(path: &Path, picture: &Picture, provenance: &Provenance) ->
     let mut image = exr::image::Image::from_layer(layer);
     image.attributes.display_window = IntegerBounds::from_dimensions(size);
     image.attributes.chromaticities = Some(REC709);
-    write_atomically(path, |file| Ok(image.write().to_buffered(file)?))
+    write_atomically(path, |file| {
+        let mut bytes = Cursor::new(Vec::new());
+        image.write().to_buffered(&mut bytes)?;
+        sort_header(bytes.get_mut());
+        Ok(file.write_all(bytes.get_ref())?)
+    })
+}
+
+/// Puts the attributes of a single part's header into the order of their names: the writer keeps
+/// them in a map of no order, and equal pictures must give equal bytes. Each is a name and a type,
+/// both ended by a zero byte, a length and a value; an empty name ends the header.
+fn sort_header(bytes: &mut [u8]) {
+    /// Length of the magic number and the version.
+    const START: usize = 8;
+    let name_end = |from: usize| Some(from + bytes.get(from..)?.iter().position(|&b| b == 0)?);
+    let mut attributes = Vec::new();
+    let mut at = START;
+    while bytes.get(at).is_some_and(|&byte| byte != 0) {
+        let Some(kind_end) = name_end(at).and_then(|end| name_end(end + 1)) else { return };
+        let Some(length) = bytes.get(kind_end + 1..kind_end + 5) else { return };
+        let length = u32::from_le_bytes([length[0], length[1], length[2], length[3]]) as usize;
+        let next = kind_end + 5 + length;
+        let Some(attribute) = bytes.get(at..next) else { return };
+        attributes.push(attribute.to_vec());
+        at = next;
+    }
+    attributes.sort();
+    let sorted = attributes.concat();
+    bytes[START..START + sorted.len()].copy_from_slice(&sorted);
 }
 
 fn check(path: &Path, picture: &Picture) -> Result<()> {
@@ -279,6 +307,9 @@ mod tests {
     fn equal_pictures_give_equal_bytes() {
         let folder = tempfile::tempdir().unwrap();
         let mut large = Picture::new(300, 400);
+        for number in 0..20 {
+            large.attributes.insert(format!("cryptomatte/{number}"), "plants".into());
+        }
         large.add("Y", true, (0..120_000).map(|i| ((i * 7919) % 1000) as f32).collect());
         let write = |name: &str| {
             let path = folder.path().join(name);

@@ -136,7 +136,13 @@ fn columns(path: &Path, kind: FileKind) -> Result<Vec<(String, Column)>> {
             let picture = weald_formats::read_picture(path)?;
             let size =
                 ("size".into(), Column::Integer(vec![picture.width as i64, picture.height as i64]));
-            let channels = picture.channels.iter().map(|c| (c.name.clone(), numbers(&c.values)));
+            // Hashes of a cryptomatte are no quantities; who is seen stands in `species` and
+            // `plant` too.
+            let is_hash = |name: &str| {
+                name.starts_with("Crypto") && (name.ends_with(".R") || name.ends_with(".B"))
+            };
+            let channels = picture.channels.iter().filter(|channel| !is_hash(&channel.name));
+            let channels = channels.map(|c| (c.name.clone(), numbers(&c.values)));
             std::iter::once(size).chain(channels).collect()
         }
         FileKind::Png => {

@@ -188,7 +188,7 @@ pub fn parse_picture(path: &Path, bytes: &[u8]) -> Result<Picture> {
     let mut picture = Picture::new(width, height);
     for (name, value) in layer.attributes.other {
         if let AttributeValue::Text(text) = value
-            && name != Text::from(ATTRIBUTE)
+            && name.to_string() != ATTRIBUTE
         {
             picture.attributes.insert(name.to_string(), text.to_string());
         }

@@ -148,9 +148,10 @@ impl Film {
         for rank in 0..RANKS {
             // Two things to a layer of four channels: hash and share, hash and share.
             let parts = if rank % 2 == 0 { ["R", "G"] } else { ["B", "A"] };
-            let things: [(&str, fn(&Pixel) -> &Ranked<u32>); 2] =
-                [(SPECIES_MATTE, |pixel| &pixel.species), (PLANT_MATTE, |pixel| &pixel.plants)];
-            for (layer, ranked) in things {
+            for layer in [SPECIES_MATTE, PLANT_MATTE] {
+                let ranked = |pixel: &Pixel| {
+                    if layer == SPECIES_MATTE { pixel.species } else { pixel.plants }
+                };
                 let [hash, share] = parts.map(|part| format!("{layer}{:02}.{part}", rank / 2));
                 add(&hash, true, &|pixel| f32::from_bits(ranked(pixel)[rank].0));
                 add(&share, true, &|pixel| mean(f64::from(ranked(pixel)[rank].1), pixel.samples));

@@ -418,8 +418,8 @@ mod tests {
 
     #[test]
     fn numbers_of_plants_come_back_in_whatever_form_they_are_kept() {
-        let few: Vec<u64> = (0..1000).map(|i| (i % 7) << 45 | i * 3).collect();
-        let many: Vec<u64> = (0..1000).map(|i| i << 40 | 5).collect();
+        let few: Vec<u64> = (0..1000).map(|i| ((i % 7) << 45) + i * 3).collect();
+        let many: Vec<u64> = (0..1000).map(|i| (i << 40) + 5).collect();
         for (numbers, bytes) in [((0..1000).collect(), 4000), (few, 5000), (many, 8000)] {
             let plants = Plants::new(numbers.clone());
             assert_eq!(plants.bytes(), bytes);

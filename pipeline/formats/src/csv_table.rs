@@ -234,9 +234,9 @@ fn float<T: FromStr>(cell: &str) -> Option<T> {
     cell.parse().ok()
 }
 
-/// Spellings of "no value" that R, pandas and spreadsheets write.
+/// Spellings of "no value" that R, pandas, spreadsheets and databases write.
 fn is_missing(cell: &str) -> bool {
-    matches!(cell, "" | "NA" | "NaN" | "nan")
+    matches!(cell, "" | "NA" | "NaN" | "nan" | "NULL")
 }
 
 #[cfg(test)]

@@ -67,12 +67,10 @@ pub fn read_instances(path: &Path) -> Result<Instances> {
 }
 
 fn require_parquet(path: &Path) -> Result<()> {
-    match kind_of(path)? {
-        TableKind::Parquet => Ok(()),
-        TableKind::Csv => {
-            Err(Error::unsupported(path, "instances as CSV", "name the file `.parquet`"))
-        }
+    if kind_of(path)? == TableKind::Parquet {
+        return Ok(());
     }
+    Err(Error::unsupported(path, "instances in this kind of table", "name the file `.parquet`"))
 }
 
 /// Reads columns of a table, each as what it should be.

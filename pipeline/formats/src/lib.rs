@@ -8,15 +8,20 @@
 
 pub mod ascii_grid;
 mod bytes;
+mod cells;
 mod csv_table;
 pub mod error;
 mod geo;
+mod geojson;
+mod geopackage;
 pub mod geotiff;
+mod inventory;
 mod parquet_table;
 pub mod picture;
 pub mod plant;
 pub mod population;
 pub mod provenance;
+mod sqlite;
 pub mod table;
 pub mod terrain;
 pub mod whole;

@@ -1,4 +1,5 @@
 //! Tables of plants: a row a plant, Parquet (a valid GeoParquet file) or CSV by the name's ending.
+//! GeoJSON and GeoPackage are read too.
 //!
 //! Angles stand in degrees as 64-bit numbers: a 32-bit angle in radians, turned to degrees and
 //! back at twice the digits, returns with the same bits.
@@ -6,8 +7,8 @@
 use crate::error::{Error, Result};
 use crate::parquet_table::{self, GEOMETRY, Points};
 use crate::provenance::Provenance;
-use crate::table::{Column, Metadata, Table, TableKind, kind_of, metadata_with};
-use crate::{csv_table, geo};
+use crate::table::{Column, Metadata, Table, TableKind, kind_of, metadata_with, read_only};
+use crate::{csv_table, geo, geojson, geopackage, inventory};
 use std::collections::BTreeMap;
 use std::path::Path;
 use std::sync::Arc;
@@ -44,6 +45,9 @@ pub fn write_population(
     provenance: &Provenance,
 ) -> Result<()> {
     let kind = kind_of(path)?;
+    if matches!(kind, TableKind::GeoJson | TableKind::GeoPackage) {
+        return Err(read_only(path));
+    }
     let table = to_table(path, population)?;
     table.check(path)?;
     let mut metadata = metadata_with(provenance);
@@ -106,7 +110,8 @@ fn to_table(path: &Path, population: &Population) -> Result<Table> {
 /// `species`, `x` and `y` are required. Without `id` the rows are numbered from 0; without
 /// `state` plants are free; angles default to 0. A missing `z`, `radius`, `height`, `age` or
 /// `vigor` is NaN: who uses the table decides what it should be. Other columns of numbers become
-/// [`Population::extra`], other columns of texts are left out.
+/// [`Population::extra`], other columns of texts are left out. Names and units of other programs
+/// are understood as `docs/formats.md` lists them; their rows of dead plants are left out.
 ///
 /// # Errors
 /// Names the row and column of a wrong cell; ids must be unique.
@@ -114,13 +119,19 @@ pub fn read_population(path: &Path) -> Result<Population> {
     match kind_of(path)? {
         TableKind::Parquet => {
             let (table, metadata) = parquet_table::read(path)?;
-            from_table(path, table, &metadata)
+            from_table(path, table, &metadata, Crs::default())
         }
         TableKind::Csv => {
             let table = csv_table::read(path, want)?;
-            from_table(path, table, &csv_table::read_metadata(path)?)
+            from_table(path, table, &csv_table::read_metadata(path)?, Crs::default())
         }
+        TableKind::GeoJson => foreign(path, geojson::read(path)?),
+        TableKind::GeoPackage => foreign(path, geopackage::read(path)?),
     }
+}
+
+fn foreign(path: &Path, (table, crs): (Table, Crs)) -> Result<Population> {
+    from_table(path, table, &Metadata::new(), crs)
 }
 
 /// Reads plants from the text of a CSV without companion; `path` is for messages only.
@@ -128,7 +139,8 @@ pub fn read_population(path: &Path) -> Result<Population> {
 /// # Errors
 /// As [`read_population`].
 pub fn parse_population_csv(path: &Path, bytes: Vec<u8>) -> Result<Population> {
-    from_table(path, csv_table::parse(path, bytes, want)?, &Metadata::new())
+    let table = csv_table::parse(path, bytes, want)?;
+    from_table(path, table, &Metadata::new(), Crs::default())
 }
 
 fn want(name: &str) -> csv_table::Want {
@@ -138,11 +150,19 @@ fn want(name: &str) -> csv_table::Want {
         "species" | "state" => Want::Text,
         "x" | "y" | "yaw_deg" | "lean_deg" | "lean_azimuth_deg" => Want::Float,
         "z" | "radius" | "height" | "age" | "vigor" => Want::Float32,
+        other if inventory::is_known(other) => Want::Guess,
         _ => Want::Float32OrNothing,
     }
 }
 
-fn from_table(path: &Path, mut table: Table, metadata: &Metadata) -> Result<Population> {
+/// Plants of a table; `crs` is what its file says where the metadata say nothing.
+fn from_table(
+    path: &Path,
+    mut table: Table,
+    metadata: &Metadata,
+    crs: Crs,
+) -> Result<Population> {
+    let is_degrees = inventory::translate(&mut table);
     let rows = table.rows();
     let mut columns = Columns { path, rows, table: &mut table };
     let (names, species) = columns.species(metadata)?;
@@ -170,14 +190,16 @@ fn from_table(path: &Path, mut table: Table, metadata: &Metadata) -> Result<Popu
     };
     let plants = (0..rows).map(plant).collect();
     let extra = columns.extra();
-    Ok(Population { species: names, plants, extra, crs: crs_of(metadata) })
-}
-
-fn crs_of(metadata: &Metadata) -> Crs {
-    match metadata.get(geo::CRS_KEY) {
-        Some(record) => geo::from_json(Some(record)),
-        None => geo::from_geoparquet(metadata.get("geo")),
-    }
+    let crs = match (metadata.get(geo::CRS_KEY), metadata.get("geo")) {
+        (Some(record), _) => geo::from_json(Some(record)),
+        (None, Some(geo)) => geo::from_geoparquet(Some(geo)),
+        // Longitudes by name are those of WGS 84.
+        (None, None) if is_degrees => {
+            Crs { epsg: Some(4326), is_geographic: true, ..Crs::default() }
+        }
+        (None, None) => crs,
+    };
+    Ok(Population { species: names, plants, extra, crs })
 }
 
 /// Takes columns out of a table, each as what it should be.

@@ -6,7 +6,7 @@
 use crate::bytes::ending;
 use crate::error::{Error, Result};
 use crate::provenance::Provenance;
-use crate::{csv_table, parquet_table};
+use crate::{csv_table, geojson, geopackage, parquet_table};
 use serde_json::Value as Json;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -136,11 +136,13 @@ fn provenance_in(metadata: &Metadata) -> Option<Provenance> {
     serde_json::from_value(metadata.get(PROVENANCE_KEY)?.clone()).ok()
 }
 
-/// The two kinds of tables.
+/// The kinds of tables. The last two are maps of other programs, which are read only.
 #[derive(Clone, Copy, PartialEq, Eq)]
 pub(crate) enum TableKind {
     Parquet,
     Csv,
+    GeoJson,
+    GeoPackage,
 }
 
 /// The kind that a file's name asks for.
@@ -148,11 +150,20 @@ pub(crate) fn kind_of(path: &Path) -> Result<TableKind> {
     match ending(path).as_str() {
         "parquet" | "geoparquet" => Ok(TableKind::Parquet),
         "csv" => Ok(TableKind::Csv),
+        "geojson" => Ok(TableKind::GeoJson),
+        "gpkg" => Ok(TableKind::GeoPackage),
         other => {
             let message = format!("a table that ends in `.{other}`");
-            Err(Error::unsupported(path, message, "`.parquet` and `.csv` are"))
+            let hint = "`.parquet` and `.csv` are, and to read `.geojson` and `.gpkg`";
+            Err(Error::unsupported(path, message, hint))
         }
     }
+}
+
+/// Complains of writing what is read only.
+pub(crate) fn read_only(path: &Path) -> Error {
+    let message = format!("writing a table that ends in `.{}`", ending(path));
+    Error::unsupported(path, message, "`.parquet` and `.csv` are, which QGIS opens too")
 }
 
 /// Writes a table as Parquet or CSV, by the name's ending.
@@ -165,6 +176,7 @@ pub fn write_table(path: &Path, table: &Table, provenance: &Provenance) -> Resul
     match kind_of(path)? {
         TableKind::Parquet => parquet_table::write(path, table, None, &metadata),
         TableKind::Csv => csv_table::write(path, table, &metadata),
+        TableKind::GeoJson | TableKind::GeoPackage => Err(read_only(path)),
     }
 }
 
@@ -178,6 +190,8 @@ pub fn read_table(path: &Path) -> Result<Table> {
     match kind_of(path)? {
         TableKind::Parquet => Ok(parquet_table::read(path)?.0),
         TableKind::Csv => csv_table::read(path, |_| csv_table::Want::Guess),
+        TableKind::GeoJson => Ok(geojson::read(path)?.0),
+        TableKind::GeoPackage => Ok(geopackage::read(path)?.0),
     }
 }
 

@@ -63,6 +63,22 @@ fn a_geoparquet_inventory_of_geopandas_is_a_population() {
 }
 
 #[test]
+fn points_of_gdal_are_a_population_from_geopackage_and_geojson() {
+    for name in ["gdal_trees.gpkg", "gdal_trees.geojson"] {
+        let plants = read_population(&data(name)).unwrap();
+        assert_eq!((plants.len(), plants.crs.epsg), (40, Some(32633)), "{name}");
+        assert_eq!(plants.species, ["ash", "oak"]);
+        for (row, plant) in plants.plants.iter().enumerate() {
+            let step = row as f64;
+            assert_eq!((plant.x, plant.y), (500_000.0 + 1.5 * step, 4_649_776.0 + step));
+            // `height_m` and `crown width (m)`
+            assert_eq!(f64::from(plant.height), 5.0 + step / 4.0);
+            assert_eq!(f64::from(plant.radius), 1.0 + step / 16.0);
+        }
+    }
+}
+
+#[test]
 fn whole_numbers_of_pandas_stay_whole_unless_one_is_missing() {
     let table = read_table(&data("pandas_integers.parquet")).unwrap();
     // 2^53 + 1 has no double: a detour over floats would lose it.

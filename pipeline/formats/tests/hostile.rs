@@ -49,6 +49,10 @@ const PARQUET: &[Reader] = &[
     |path| weald_formats::read_table(path).map(drop),
     |path| weald_formats::provenance(path).map(drop),
 ];
+const MAPS: &[Reader] = &[
+    |path| weald_formats::read_population(path).map(drop),
+    |path| weald_formats::read_table(path).map(drop),
+];
 const EXR: &[Reader] = &[
     |path| weald_formats::read_picture(path).map(drop),
     |path| weald_formats::read_image(path).map(drop),
@@ -92,6 +96,8 @@ fn specimens() -> Vec<Specimen> {
         specimen("parquet", table, PARQUET),
         specimen("parquet", population, PARQUET),
         specimen("parquet", data("geopandas_plants.parquet"), PARQUET),
+        specimen("gpkg", data("trees.gpkg"), MAPS),
+        specimen("geojson", data("gdal_trees.geojson"), MAPS),
     ]
 }
 

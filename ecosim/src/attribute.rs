@@ -1,12 +1,12 @@
-//! Age and vigor of plants that a step creates.
+//! Age, vigor, height and orientation of plants that a step creates.
 
 use crate::Error;
 use crate::config::Attribute;
 use crate::field::BoundFormula;
 use crate::ground::Ground;
-use crate::stand::{Kind, Stand};
+use crate::stand::{Kind, Stand, lean_on};
 use rayon::prelude::*;
-use weald_contract::Seed;
+use weald_contract::{Plant, Seed};
 
 /// Ages that plants get when nothing is said, as parts of the lifespan.
 pub(crate) const USUAL_AGE: [f32; 2] = [0.2, 0.8];
@@ -18,6 +18,59 @@ pub(crate) struct Attributes<'a> {
     pub(crate) vigor: &'a Option<Attribute>,
     pub(crate) vigor_noise: f32,
 }
+
+/// What a step says of height and orientation.
+pub(crate) struct Looks<'a> {
+    pub(crate) height: &'a Option<Attribute>,
+    pub(crate) yaw_deg: &'a Option<Attribute>,
+    pub(crate) upright: &'a Option<Attribute>,
+    /// Whether ages were given; if not, they follow from heights that are.
+    pub(crate) is_age_given: bool,
+}
+
+impl Looks<'_> {
+    /// Gives plants the heights that the step names, with the crowns that go with them.
+    pub(crate) fn size(
+        &self,
+        plants: &mut [Plant],
+        newcomers: &Newcomers<'_>,
+    ) -> Result<(), Error> {
+        let Some(height) = self.height else { return Ok(()) };
+        let heights = newcomers.numbers("height", height, Noise::Absolute(0.0))?;
+        let size = newcomers.kind.size;
+        plants.par_iter_mut().zip(heights).for_each(|(plant, height)| {
+            // A plant has some height; a formula that falls below 0 means a seedling.
+            plant.height = height.max(LEAST_HEIGHT * size.height);
+            plant.radius = size.radius_of_height(plant.height);
+            if !self.is_age_given {
+                plant.age = size.age_of_height(plant.height, plant.vigor);
+            }
+        });
+        Ok(())
+    }
+
+    /// Turns plants about their axes, and leans the axes, as the step says.
+    pub(crate) fn orient(
+        &self,
+        plants: &mut [Plant],
+        newcomers: &Newcomers<'_>,
+    ) -> Result<(), Error> {
+        if let Some(yaw) = self.yaw_deg {
+            let yaws = newcomers.numbers("yaw", yaw, Noise::Absolute(0.0))?;
+            plants.par_iter_mut().zip(yaws).for_each(|(plant, yaw)| plant.yaw = yaw.to_radians());
+        }
+        if let Some(upright) = self.upright {
+            let weights = newcomers.numbers("upright", upright, Noise::Absolute(0.0))?;
+            plants.par_iter_mut().zip(weights).for_each(|(plant, upright)| {
+                lean_on(newcomers.ground, upright.clamp(0.0, 1.0), plant);
+            });
+        }
+        Ok(())
+    }
+}
+
+/// Least height that a plant is given, as a part of its species'.
+const LEAST_HEIGHT: f32 = 0.001;
 
 /// The plants that want numbers.
 pub(crate) struct Newcomers<'a> {

@@ -43,7 +43,8 @@ pub(crate) fn run(clear: &Clear, site: &Site<'_>, stand: &mut Stand<'_>) -> Resu
     Ok(())
 }
 
-fn record(stand: &mut Stand<'_>, keep: &[bool]) {
+/// Notes the plants that are not kept among the dead.
+pub(crate) fn record(stand: &mut Stand<'_>, keep: &[bool]) {
     let year = stand.year;
     let cleared = stand.population.plants.iter().zip(keep).filter(|(_, keep)| !**keep);
     stand.deaths.extend(cleared.map(|(plant, _)| Death {

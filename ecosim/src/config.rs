@@ -46,6 +46,8 @@ choice! {
         "place" => Place(Place),
         /// Evens out the distances between plants.
         "relax" => Relax(RelaxStep),
+        /// Takes some of the plants, evenly over the ground.
+        "thin" => Thin(Thin),
         /// Removes plants.
         "clear" => Clear(Clear),
     }
@@ -128,6 +130,18 @@ words! {
     }
 }
 
+words! {
+    /// What weighs the ground when a plant moves to the centre of its Voronoi polygon.
+    pub enum Weight {
+        /// Nothing: the middle of the polygon, the plain form.
+        Even = "even",
+        /// The density. Many passes drift towards its square root.
+        Density = "density",
+        /// The square of the density, which many passes keep to.
+        Squared = "density_squared",
+    }
+}
+
 table! {
     /// Turns a density into plants: chosen cells of a raster, then Lloyd's relaxation.
     ///
@@ -166,6 +180,10 @@ table! {
         cell: Option<Written<f64>> = None, in 0.001..=10000.0;
         /// Iterations of Lloyd's relaxation.
         relax: u32 = 10, in 0.0..=1000.0;
+        /// What weighs the ground in them.
+        weight: Weight = Weight::Squared;
+        /// Iterations of polish after them, which bring every plant to an equal share of the density.
+        polish: u32 = 0, in 0.0..=1000.0;
         /// Age in years: a formula, or `[youngest, oldest]`; left out, 0.2 to 0.8 of the lifespan.
         age: Option<Attribute> = None;
         /// Largest random deviation from an age given by a formula, as a part of it.
@@ -174,6 +192,13 @@ table! {
         vigor: Option<Attribute> = None;
         /// Largest random deviation from a vigor given by a formula.
         vigor_noise: f32 = 0.1, in 0.0..=1.0;
+        /// Height in m: a formula, or `[least, greatest]`; left out, it follows from age and vigor.
+        height: Option<Attribute> = None;
+        /// Turn about the plant's axis: a formula, or a range, degrees; left out, any.
+        yaw_deg: Option<Attribute> = None;
+        /// Weight of the vertical against the ground's normal in the axis, 0 to 1: a formula, or a
+        /// range; left out, the species'.
+        upright: Option<Attribute> = None;
     }
 }
 
@@ -218,10 +243,25 @@ words! {
 }
 
 table! {
+    /// A species that a table calls otherwise.
+    pub struct Naming {
+        /// The word in the table, such as a code.
+        word: String;
+        /// The species that is meant.
+        species: Written<String>;
+    }
+}
+
+table! {
     /// Places single plants: a table of them, or points in the scene.
     pub struct Place {
-        /// Path of a table of plants.
+        /// Path of a table of plants: Parquet, CSV, GeoJSON or GeoPackage.
         plants: Option<Written<String>> = None;
+        /// Species that the table calls otherwise.
+        names: Vec<Naming> = Vec::new();
+        /// Scene coordinates of the table's 0, 0, m, where it counts from a corner of its own; left
+        /// out, its places are map coordinates.
+        origin: Option<[f64; 2]> = None, in -10000000.0..=10000000.0;
         /// Species of the points in `at` and `dots`.
         species: Option<Written<String>> = None;
         /// Path of an image in which every dark blob is one plant.
@@ -232,6 +272,13 @@ table! {
         age: Option<Attribute> = None;
         /// Vigor of the points: a formula, or `[least, greatest]`.
         vigor: Option<Attribute> = None;
+        /// Height of the points in m: a formula, or `[least, greatest]`.
+        height: Option<Attribute> = None;
+        /// Turn of the points about their axes: a formula, or a range, degrees; left out, any.
+        yaw_deg: Option<Attribute> = None;
+        /// Weight of the vertical against the ground's normal in the points' axes, 0 to 1: a
+        /// formula, or a range; left out, the species'.
+        upright: Option<Attribute> = None;
     }
 }
 
@@ -244,6 +291,40 @@ table! {
         iterations: u32 = 5, in 0.0..=1000.0;
         /// Where plants are wanted denser, as a formula; left out, evenly wherever they can stand.
         formula: Option<Written<Formula>> = None;
+        /// What weighs the ground.
+        weight: Weight = Weight::Squared;
+    }
+}
+
+words! {
+    /// Which of some plants that stand together stays.
+    pub enum Favour {
+        /// The one with the widest crown: thinning from below.
+        Large = "large",
+        /// The one with the narrowest crown: thinning from above.
+        Small = "small",
+        /// Any.
+        Any = "any",
+    }
+}
+
+table! {
+    /// Takes some of the plants, so that as many as said stay, evenly over the ground.
+    ///
+    /// Of `keep`, `plants` and `stems` at least one is given.
+    pub struct Thin {
+        /// The species, all together; none named means all.
+        species: Vec<Written<String>> = Vec::new();
+        /// Part of the plants that stays, 0 to 1: a formula, or a number.
+        keep: Option<Written<Formula>> = None;
+        /// Number of plants that stay in all; `keep` then says only where more of them do.
+        plants: Option<u64> = None, in 0.0..=4000000000.0;
+        /// Least distance between the stems of those that stay, m.
+        stems: f64 = 0.0, in 0.0..=10000.0;
+        /// Which of some plants that stand together stays.
+        favour: Favour = Favour::Large;
+        /// Only inside this disc: x, y, radius in scene coordinates, m.
+        disc: Option<[f64; 3]> = None, in -10000000.0..=10000000.0;
     }
 }
 
@@ -325,7 +406,7 @@ impl Config {
                     (&place.plants, "plants", InputKind::Plants),
                     (&place.dots, "dots", InputKind::Image),
                 ],
-                Step::Simulate(_) | Step::Relax(_) | Step::Clear(_) => continue,
+                Step::Simulate(_) | Step::Relax(_) | Step::Thin(_) | Step::Clear(_) => continue,
             };
             for (path, word, kind) in files {
                 let field = format!("ecosim.step[{index}].{word}");
@@ -342,6 +423,20 @@ impl Config {
     /// step plants them.
     pub fn species(&self) -> Vec<&Written<String>> {
         self.enabled().flat_map(Step::species).collect()
+    }
+
+    /// Returns the species that the words of a table mean which some `place` step reads.
+    ///
+    /// Tables of sample plots bring none: of theirs only those are planted that a step names.
+    pub fn species_of_table(&self, path: &str, words: &[String]) -> Vec<String> {
+        let mut meant = Vec::new();
+        for step in self.enabled() {
+            let Step::Place(place) = step else { continue };
+            if place.plants.as_ref().is_some_and(|table| table.value == path) {
+                meant.extend(words.iter().map(|word| place.species_meant(word).to_string()));
+            }
+        }
+        meant
     }
 
     /// Returns the steps that run.
@@ -394,25 +489,28 @@ impl Step {
                 std::iter::once(&halftone.species).chain(others).chain(&halftone.around).collect()
             }
             Self::Simulate(simulate) => simulate.species.iter().collect(),
-            Self::Place(place) => place.species.iter().collect(),
+            Self::Place(place) => {
+                place.species.iter().chain(place.names.iter().map(|name| &name.species)).collect()
+            }
             Self::Relax(relax) => relax.species.iter().collect(),
+            Self::Thin(thin) => thin.species.iter().collect(),
             Self::Clear(clear) => clear.species.iter().collect(),
         }
     }
 
     fn formulas(&self) -> Vec<&Written<Formula>> {
         match self {
-            Self::Halftone(h) => h
-                .formula
-                .iter()
-                .chain(attribute_formula(&h.age))
-                .chain(attribute_formula(&h.vigor))
-                .collect(),
+            Self::Halftone(h) => {
+                let attributes = [&h.age, &h.vigor, &h.height, &h.yaw_deg, &h.upright];
+                h.formula.iter().chain(attributes.into_iter().flat_map(attribute_formula)).collect()
+            }
             Self::Simulate(simulate) => simulate.chance.iter().collect(),
-            Self::Place(place) => {
-                attribute_formula(&place.age).chain(attribute_formula(&place.vigor)).collect()
+            Self::Place(p) => {
+                let attributes = [&p.age, &p.vigor, &p.height, &p.yaw_deg, &p.upright];
+                attributes.into_iter().flat_map(attribute_formula).collect()
             }
             Self::Relax(relax) => relax.formula.iter().collect(),
+            Self::Thin(thin) => thin.keep.iter().collect(),
             Self::Clear(clear) => clear.formula.iter().collect(),
         }
     }
@@ -427,7 +525,7 @@ impl Step {
             Self::Halftone(halftone) => halftone.check(species, problems),
             Self::Simulate(simulate) => simulate.check(species, layers, problems),
             Self::Place(place) => place.check(problems),
-            Self::Relax(_) | Self::Clear(_) => {}
+            Self::Relax(_) | Self::Thin(_) | Self::Clear(_) => {}
         }
     }
 }
@@ -482,6 +580,12 @@ impl Simulate {
 }
 
 impl Place {
+    /// Returns the species that a word of the table means.
+    pub(crate) fn species_meant<'a>(&'a self, word: &'a str) -> &'a str {
+        let naming = self.names.iter().find(|naming| naming.word == word);
+        naming.map_or(word, |naming| &naming.species.value)
+    }
+
     fn check(&self, problems: &mut Problems) {
         if let (Some(first), None) = (self.at.first(), &self.species) {
             let problem = Problem::at(first.span, "these points have no species");

@@ -110,6 +110,21 @@ impl Turn {
     }
 }
 
+/// Returns how far along the curve a cell lies in a square of 2^`bits` cells' side.
+pub(crate) fn hilbert_index(bits: u32, [column, row]: [u32; 2]) -> u64 {
+    let (mut index, mut turn) = (0, Turn::default());
+    for bit in (0..bits).rev() {
+        let at = [column, row].map(|line| (line >> bit & 1) as usize);
+        for (number, (quarter, next)) in turn.quarters().into_iter().enumerate() {
+            if quarter == at {
+                (index, turn) = (index << 2 | number as u64, next);
+                break;
+            }
+        }
+    }
+    index
+}
+
 /// The quadtree over a part of a raster.
 struct Squares<'a> {
     part: Part,
@@ -304,6 +319,8 @@ mod tests {
         let step =
             |pair: &[[usize; 2]]| pair[0][0].abs_diff(pair[1][0]) + pair[0][1].abs_diff(pair[1][1]);
         assert!(cells.windows(2).all(|pair| step(pair) == 1));
+        let places = cells.iter().map(|cell| cell.map(|line| line as u32));
+        assert!(places.zip(0..).all(|(cell, index)| hilbert_index(5, cell) == index));
     }
 
     #[test]

@@ -104,18 +104,17 @@ impl<'a> Density<'a> {
             }
         };
         let species = stand.species_of(&halftone.species)?;
-        let terrain = site.ground.frame();
         let plots = match &halftone.plots {
             None => None,
             Some(path) => {
                 let table = site.around.plants.get(&path.value).ok_or_else(|| {
                     Problem::at(path.span, format!("the table `{}` was not read", path.value))
                 })?;
-                Some(plots::density(path, table, species, stand, terrain)?)
+                Some(plots::density(path, table, species, stand, site.around.terrain)?)
             }
         };
         let stand = &*stand;
-        let clump = |clump| Clumps::new(clump, site.shared_seed, terrain);
+        let clump = |clump| Clumps::new(clump, site.shared_seed, site.ground.frame());
         let bind = |formula| BoundFormula::bind(formula, site.around.terrain, stand);
         Ok(Self {
             image,

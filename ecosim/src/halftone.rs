@@ -1,12 +1,13 @@
 //! From densities to plants: cells chosen by count and relaxation, or a grid of patches.
 
 use crate::Error;
-use crate::attribute::{Attributes, Newcomers};
+use crate::attribute::{Attributes, Looks, Newcomers};
 use crate::config::{Arrange, Halftone, Method};
 use crate::curve::{Part, systematic};
 use crate::density::{Density, Patch, covering};
 use crate::distance::{inside, rise};
 use crate::dither::dither;
+use crate::power::Shares;
 use crate::relax::{Lloyd, Relaxation};
 use crate::spacing::Keeper;
 use crate::stand::{Kind, Spot, Stand, settle, stand_on};
@@ -44,12 +45,27 @@ pub(crate) fn run<'a>(
             keep_apart(plants, &scattered, species, &density, site, stand)
         }
     };
+    let sites: Vec<(u64, [f64; 2])> =
+        plants.iter().map(|plant| (plant.id, [plant.x, plant.y])).collect();
+    let newcomers = Newcomers { ground: &site.ground, stand, kind, seed: site.seed, sites: &sites };
+    halftone.looks().orient(&mut plants, &newcomers)?;
     let tallest = plants.iter().map(|plant| plant.height).fold(0.0, f32::max);
     if let Some(seen) = visible::seen(halftone, f64::from(tallest), site)? {
         plants.retain(|plant| seen.nearest(plant.x, plant.y).is_some_and(|seen| seen > 0.0));
     }
     stand.add(plants);
     Ok(())
+}
+
+impl Halftone {
+    fn looks(&self) -> Looks<'_> {
+        Looks {
+            height: &self.height,
+            yaw_deg: &self.yaw_deg,
+            upright: &self.upright,
+            is_age_given: self.age.is_some(),
+        }
+    }
 }
 
 /// Places of plants, and the ground they were made for.
@@ -162,7 +178,8 @@ fn grown(
         vigor_noise: halftone.vigor_noise,
     };
     let (ground, seed, kind) = (&site.ground, site.seed, *kind);
-    let drawn = attributes.draw(&Newcomers { ground, stand, kind, seed, sites })?;
+    let newcomers = Newcomers { ground, stand, kind, seed, sites };
+    let drawn = attributes.draw(&newcomers)?;
     let plant = |(&(id, [x, y]), (age, vigor)): (&(u64, [f64; 2]), (f32, f32))| {
         let mut stream = site.seed.stream("yaw", id);
         let yaw = match halftone.arrange {
@@ -172,7 +189,9 @@ fn grown(
         };
         settle(ground, &kind, species, Spot { id, x, y, age, vigor, yaw })
     };
-    Ok(sites.par_iter().zip(drawn).map(plant).collect())
+    let mut plants: Vec<Plant> = sites.par_iter().zip(drawn).map(plant).collect();
+    halftone.looks().size(&mut plants, &newcomers)?;
+    Ok(plants)
 }
 
 /// Chooses cells by the density, moves each plant at random within its cell, and relaxes.
@@ -184,7 +203,8 @@ fn scatter(
     stand: &Stand<'_>,
 ) -> Result<Scattered, Error> {
     let what = format!("the halftone of `{}`", halftone.species.value);
-    site.progress.begin(&what, 2 + u64::from(halftone.relax), "passes");
+    let passes = u64::from(halftone.relax) + u64::from(halftone.polish);
+    site.progress.begin(&what, 2 + passes, "passes");
     let cell = halftone.cell.as_ref().map(|cell| cell.value);
     let look = density.look()?;
     // The look is rough; what is far too much is refused before finer work.
@@ -216,19 +236,12 @@ fn scatter(
     let home = |&cell: &usize| home_in(cell, &raster.frame, density, site);
     let homes: Vec<[f64; 2]> = cells.par_iter().map(home).collect();
     let mut places = homes.clone();
-    if halftone.relax > 0 {
-        let (plants, lies_near) = (&stand.population.plants, raster.frame);
-        let stays = plants.iter().filter(|plant| around.contains(&plant.species));
-        let fixed = stays.map(|plant| [plant.x, plant.y]);
-        places.extend(fixed.filter(|[x, y]| lies_near.contains(*x, *y)));
-        let (lloyd, movable) = (Lloyd::new(&raster, None), homes.len());
-        for pass in 0..halftone.relax {
-            site.check_cancelled()?;
-            lloyd.pass(&mut places, movable, &Relaxation::pass(pass, halftone.relax));
-            site.progress.advance(1);
-        }
-        places.truncate(movable);
-    }
+    let (plants, lies_near) = (&stand.population.plants, raster.frame);
+    let stays = plants.iter().filter(|plant| around.contains(&plant.species));
+    let fixed = stays.map(|plant| [plant.x, plant.y]);
+    places.extend(fixed.filter(|[x, y]| lies_near.contains(*x, *y)));
+    spread(halftone, &raster, &mut places, homes.len(), site)?;
+    places.truncate(homes.len());
     let placed = |(index, [x, y]): (usize, [f64; 2])| {
         let id = site.ids.id(number_in(&whole, &raster.frame, cells[index]));
         // The raster knows cells only; a plant that left what bears it goes back home.
@@ -236,6 +249,34 @@ fn scatter(
     };
     let sites = places.into_par_iter().enumerate().map(placed).collect();
     Ok(Scattered { sites, raster, inside: edge.map(|(_, inside)| inside) })
+}
+
+/// Evens out the first `movable` places: relaxation, then polish.
+fn spread(
+    halftone: &Halftone,
+    raster: &Grid,
+    places: &mut [[f64; 2]],
+    movable: usize,
+    site: &Site<'_>,
+) -> Result<(), Error> {
+    if halftone.relax > 0 {
+        let lloyd = Lloyd::new(raster, None, halftone.weight);
+        for pass in 0..halftone.relax {
+            site.check_cancelled()?;
+            let step = Relaxation::weighted(halftone.weight, pass, halftone.relax).step;
+            lloyd.pass(places, movable, step);
+            site.progress.advance(1);
+        }
+    }
+    if halftone.polish > 0 {
+        let mut shares = Shares::new(raster, None, places.len());
+        for _ in 0..halftone.polish {
+            site.check_cancelled()?;
+            shares.pass(places, movable);
+            site.progress.advance(1);
+        }
+    }
+    Ok(())
 }
 
 fn sum(values: &[f32]) -> f64 {

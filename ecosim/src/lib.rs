@@ -8,6 +8,7 @@
 //! Everything is a function of its arguments: the same inputs and seed give the same bytes for
 //! any number of threads and any order of the plants handed in.
 
+mod align;
 mod attribute;
 mod blobs;
 mod clear;
@@ -26,6 +27,7 @@ mod mass;
 mod neighbors;
 mod place;
 mod plots;
+mod power;
 mod relax;
 mod shadow;
 mod simulate;
@@ -33,17 +35,19 @@ mod spacing;
 mod species;
 mod stand;
 mod steps;
+mod thin;
 mod visible;
 mod voronoi;
 
 pub use clump::Clump;
 pub use competition::{Circle, Plain, dominators};
 pub use config::{
-    Arrange, Attribute, Clear, Config, Edge, Effect, Halftone, Method, Neighbour, Order, Place,
-    RelaxStep, Rim, Simulate, Spacing, Step, StepCommon,
+    Arrange, Attribute, Clear, Config, Edge, Effect, Favour, Halftone, Method, Naming, Neighbour,
+    Order, Place, RelaxStep, Rim, Simulate, Spacing, Step, StepCommon, Thin, Weight,
 };
 pub use curve::{Part, systematic};
 pub use dither::dither;
+pub use power::polish;
 pub use relax::{Relaxation, relax};
 pub use simulate::{Simulation, Year};
 pub use species::Ecology;
@@ -53,7 +57,7 @@ use std::collections::BTreeMap;
 use weald_contract::{Image, Layers, Population, Problem, Species, View};
 
 /// Version of what this crate computes; it changes whenever equal inputs give other plants.
-pub const OUTPUT_VERSION: u32 = 2;
+pub const OUTPUT_VERSION: u32 = 3;
 
 /// Why no population was made.
 #[derive(Debug, thiserror::Error)]
@@ -168,7 +172,7 @@ pub enum Cause {
     Dominated,
     /// It reached the lifespan of its species.
     Old,
-    /// A `clear` step removed it.
+    /// A `clear` or `thin` step removed it.
     Cleared,
 }
 

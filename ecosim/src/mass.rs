@@ -1,10 +1,14 @@
 //! Masses and centres of mass of polygons on a density raster.
 
+use crate::config::Weight;
 use rayon::prelude::*;
 use weald_contract::Grid;
 
 /// Lines along which a polygon's mass is summed, at least.
 const LEAST_LINES: f64 = 10.0;
+/// Fewest and most places at which the weight along an edge is looked up.
+const LEAST_PLACES: f64 = 2.0;
+const MOST_PLACES: f64 = 32.0;
 /// Most cells of the raster of masses; finer densities are averaged down to it.
 pub(crate) const MASS_CELLS: usize = 4_000_000;
 
@@ -21,7 +25,7 @@ struct Running {
     moment: f64,
 }
 
-/// The square of a density, ready for integrals along rows.
+/// A density, its square, or where it is at all: weights ready for integrals along rows.
 ///
 /// Local coordinates run east and south from the raster's north-west corner.
 pub(crate) struct Masses<'a> {
@@ -43,7 +47,7 @@ pub(crate) struct Masses<'a> {
 
 impl<'a> Masses<'a> {
     /// Sums up a density in plants per m², or in any unit if it is to hold `count` plants.
-    pub(crate) fn new(density: &'a Grid, count: Option<usize>) -> Self {
+    pub(crate) fn new(density: &'a Grid, count: Option<usize>, by: Weight) -> Self {
         let frame = density.frame;
         let factor = ((frame.len() as f64 / MASS_CELLS as f64).sqrt().ceil() as usize).max(1);
         let (width, height) = (frame.width.div_ceil(factor), frame.height.div_ceil(factor));
@@ -52,7 +56,11 @@ impl<'a> Masses<'a> {
         weights.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
             for (column, weight) in line.iter_mut().enumerate() {
                 let mean = block_mean(density, factor, column, row);
-                *weight = mean * mean;
+                *weight = match by {
+                    Weight::Even => f32::from(u8::from(mean > 0.0)),
+                    Weight::Density => mean,
+                    Weight::Squared => mean * mean,
+                };
             }
         });
         let mut running = vec![Running::default(); (width + 1) * height];
@@ -111,11 +119,20 @@ impl<'a> Masses<'a> {
     }
 
     /// Returns the centre of mass of a convex polygon; `None` when it holds no mass.
+    pub(crate) fn centroid(&self, polygon: &[[f64; 2]], sweep: &mut Sweep) -> Option<[f64; 2]> {
+        self.mass_and_centroid(polygon, sweep).map(|(_, centre)| centre)
+    }
+
+    /// Returns the mass of a convex polygon and its centre; `None` when it holds no mass.
     ///
     /// Exact where the density is even; elsewhere sums midpoint lines, each exact along its row.
-    pub(crate) fn centroid(&self, polygon: &[[f64; 2]], sweep: &mut Sweep) -> Option<[f64; 2]> {
-        if self.is_even_over(polygon) {
-            return middle(polygon);
+    pub(crate) fn mass_and_centroid(
+        &self,
+        polygon: &[[f64; 2]],
+        sweep: &mut Sweep,
+    ) -> Option<(f64, [f64; 2])> {
+        if let Some(weight) = self.even_weight(polygon) {
+            return middle(polygon).map(|(area, centre)| (weight * area, centre));
         }
         if !sweep.draw(polygon, self.cell, self.height as f64 * self.cell) {
             return None;
@@ -130,12 +147,35 @@ impl<'a> Masses<'a> {
             moment_u += end.moment - start.moment;
             moment_v += along * v;
         }
-        (mass > 0.0).then(|| [moment_u / mass, moment_v / mass])
+        let centre = [moment_u / mass, moment_v / mass];
+        (mass > 0.0).then_some((mass * sweep.apart, centre))
     }
 
-    /// Returns whether the density is the same, and above 0, all around a polygon that lies on
-    /// the raster.
-    fn is_even_over(&self, polygon: &[[f64; 2]]) -> bool {
+    /// Returns the mean weight along a line, from a place in each cell of its length at most.
+    pub(crate) fn mean_weight(&self, from: [f64; 2], to: [f64; 2]) -> f64 {
+        let along = [to[0] - from[0], to[1] - from[1]];
+        let length = (along[0] * along[0] + along[1] * along[1]).sqrt();
+        let count = (length / self.cell).ceil().clamp(LEAST_PLACES, MOST_PLACES);
+        let weight = |index: usize| {
+            let part = (index as f64 + 0.5) / count;
+            self.weight_at([from[0] + part * along[0], from[1] + part * along[1]])
+        };
+        (0..count as usize).map(weight).sum::<f64>() / count
+    }
+
+    /// Returns the weight of the raster at a local place; 0 outside.
+    fn weight_at(&self, [u, v]: [f64; 2]) -> f64 {
+        let (column, row) = ((u / self.cell).floor(), (v / self.cell).floor());
+        let is_inside =
+            column >= 0.0 && row >= 0.0 && column < self.width as f64 && row < self.height as f64;
+        if !is_inside {
+            return 0.0;
+        }
+        f64::from(self.weights[row as usize * self.width + column as usize])
+    }
+
+    /// Returns the weight all around a polygon on the raster, where it is the same and above 0.
+    fn even_weight(&self, polygon: &[[f64; 2]]) -> Option<f64> {
         let start = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let (low, high) = polygon.iter().fold(start, |(l, h), p| {
             ([l[0].min(p[0]), l[1].min(p[1])], [h[0].max(p[0]), h[1].max(p[1])])
@@ -143,15 +183,16 @@ impl<'a> Masses<'a> {
         let (east, south) = (self.width as f64 * self.cell, self.height as f64 * self.cell);
         let is_on = low[0] >= 0.0 && low[1] >= 0.0 && high[0] < east && high[1] < south;
         if !is_on {
-            return false;
+            return None;
         }
         let block = |length: f64| (length / self.cell) as usize / BLOCK;
         let weight = self.even[block(low[1]) * self.blocks + block(low[0])];
         let columns = block(low[0])..block(high[0]) + 1;
-        weight > 0.0
+        let is_even = weight > 0.0
             && (block(low[1])..block(high[1]) + 1).all(|row| {
                 self.even[row * self.blocks..][columns.clone()].iter().all(|even| *even == weight)
-            })
+            });
+        is_even.then(|| f64::from(weight))
     }
 
     /// Returns the sums along a row up to `u`.
@@ -213,8 +254,8 @@ fn even_blocks(weights: &[f32], width: usize, height: usize) -> (Vec<f32>, usize
     (even, blocks)
 }
 
-/// Returns the centre of area of a polygon; `None` when it has no area.
-fn middle(polygon: &[[f64; 2]]) -> Option<[f64; 2]> {
+/// Returns the area of a polygon and its centre; `None` when it has no area.
+fn middle(polygon: &[[f64; 2]]) -> Option<(f64, [f64; 2])> {
     // Corners are taken relative to the first one, so that far from 0 few digits cancel.
     let &[u0, v0] = polygon.first()?;
     let (mut area, mut sum_u, mut sum_v) = (0.0, 0.0, 0.0);
@@ -226,7 +267,8 @@ fn middle(polygon: &[[f64; 2]]) -> Option<[f64; 2]> {
         sum_u += cross * (a[0] + b[0]);
         sum_v += cross * (a[1] + b[1]);
     }
-    (area != 0.0).then(|| [u0 + sum_u / (3.0 * area), v0 + sum_v / (3.0 * area)])
+    let centre = [u0 + sum_u / (3.0 * area), v0 + sum_v / (3.0 * area)];
+    (area != 0.0).then(|| (0.5 * area.abs(), centre))
 }
 
 /// Evenly spaced lines across a convex polygon, and where each enters and leaves it.
@@ -288,13 +330,13 @@ mod tests {
     #[test]
     fn the_centre_of_an_even_triangle_is_the_mean_of_its_corners() {
         let grid = Grid::filled(FRAME, 3.0);
-        let masses = Masses::new(&grid, Some(100));
+        let masses = Masses::new(&grid, Some(100), Weight::Squared);
         let corners = [[1.0, 1.0], [7.0, 2.0], [3.0, 9.0]];
         let [u, v] = masses.centroid(&corners, &mut Sweep::default()).unwrap();
         assert!((u - 11.0 / 3.0).abs() < 1e-12 && (v - 4.0).abs() < 1e-12, "{u} {v}");
         // A hair of unevenness in a far corner of each block: the sum over lines is taken.
         let grid = Grid::from_fn(FRAME, |x, y| 3.0 + 1e-5 * ((x + y) % 0.9) as f32);
-        let masses = Masses::new(&grid, Some(100));
+        let masses = Masses::new(&grid, Some(100), Weight::Squared);
         let [u, v] = masses.centroid(&corners, &mut Sweep::default()).unwrap();
         // 32 lines across the triangle: their midpoint rule is off by less than 1/1000 of it.
         assert!((u - 11.0 / 3.0).abs() < 8e-3 && (v - 4.0).abs() < 8e-3, "{u} {v}");
@@ -305,7 +347,7 @@ mod tests {
         // Density 1 in the west half and 2 in the east half of a rectangle: masses 1 to 4, so
         // that the centre lies at (1 · 1/4 + 4 · 3/4) / 5 = 0.65 of its width.
         let grid = Grid::from_fn(FRAME, |x, _| if x < 105.0 { 1.0 } else { 2.0 });
-        let masses = Masses::new(&grid, Some(100));
+        let masses = Masses::new(&grid, Some(100), Weight::Squared);
         let rectangle = [[3.0, 2.0], [7.0, 2.0], [7.0, 3.0], [3.0, 3.0]];
         let [u, v] = masses.centroid(&rectangle, &mut Sweep::default()).unwrap();
         assert!((u - (3.0 + 0.65 * 4.0)).abs() < 1e-9 && (v - 2.5).abs() < 1e-9, "{u} {v}");
@@ -314,7 +356,7 @@ mod tests {
     #[test]
     fn a_polygon_off_the_raster_or_on_empty_ground_has_no_centre() {
         let grid = Grid::from_fn(FRAME, |x, _| if x < 105.0 { 0.0 } else { 2.0 });
-        let masses = Masses::new(&grid, Some(100));
+        let masses = Masses::new(&grid, Some(100), Weight::Squared);
         let square = |u: f64, v: f64| [[u, v], [u + 1.0, v], [u + 1.0, v + 1.0], [u, v + 1.0]];
         let mut sweep = Sweep::default();
         assert!(masses.centroid(&square(1.0, 1.0), &mut sweep).is_none());

@@ -1,7 +1,8 @@
 //! Plants placed one by one: a table, points in the scene, or dots of an image.
 
 use crate::Error;
-use crate::attribute::{Attributes, Newcomers, USUAL_AGE};
+use crate::align;
+use crate::attribute::{Attributes, Looks, Newcomers, USUAL_AGE};
 use crate::blobs;
 use crate::config::Place;
 use crate::field::ImageField;
@@ -14,7 +15,7 @@ pub(crate) fn run(place: &Place, site: &Site<'_>, stand: &mut Stand<'_>) -> Resu
     site.progress.begin("place", 1, "steps");
     let mut plants = Vec::new();
     if let Some(path) = &place.plants {
-        plants.extend(from_table(path, site, stand)?);
+        plants.extend(from_table(place, path, site, stand)?);
     }
     if let Some(species) = &place.species {
         plants.extend(from_points(place, species, plants.len() as u64, site, stand)?);
@@ -25,11 +26,15 @@ pub(crate) fn run(place: &Place, site: &Site<'_>, stand: &mut Stand<'_>) -> Resu
     Ok(())
 }
 
+/// Breast height diameters, cm, as the readers of inventories name them.
+const DIAMETER: &str = "dbh_cm";
+
 /// Takes over the plants of a table, which get fresh ids in the order of their old ones.
 ///
 /// Altitude and lean follow from this terrain; a height or radius of 0 follows from age and
-/// vigor.
+/// vigor, or from the stem's diameter.
 fn from_table(
+    place: &Place,
     path: &Written<String>,
     site: &Site<'_>,
     stand: &mut Stand<'_>,
@@ -38,16 +43,21 @@ fn from_table(
         let message = format!("the table of plants `{}` was not read", path.value);
         return Err(Problem::at(path.span, message).into());
     };
+    check_diameters(path, table)?;
+    let places = align::places(path, table, place.origin, site.around.terrain)?;
+    let diameters = table.extra.get(DIAMETER);
     let mut rows: Vec<usize> = (0..table.plants.len()).collect();
     rows.sort_by_key(|&row| (table.plants[row].id, row));
-    let species = species_of_table(path, table, stand)?;
+    let species = species_of_table(place, path, table, stand)?;
     let mut plants = Vec::with_capacity(rows.len());
     for (counter, row) in rows.into_iter().enumerate() {
         let who = format!("plant {} (row {row}) of `{}`", table.plants[row].id, path.value);
         let mut plant = table.plants[row];
+        [plant.x, plant.y] = places[row];
         plant.id = site.ids.id(counter as u64);
         let own = species.get(usize::from(plant.species));
-        fill_in(&mut plant, own, site, stand);
+        let diameter = diameters.map(|diameters| 0.01 * diameters[row]);
+        fill_in(&mut plant, own, diameter, site, stand);
         if let Some(wrong) = fault(&plant, species.len()) {
             return Err(Problem::at(path.span, format!("{who}: {wrong}")).into());
         }
@@ -61,18 +71,43 @@ fn from_table(
     Ok(plants)
 }
 
+/// Complains of diameters without a unit where sizes would have to follow from them.
+fn check_diameters(path: &Written<String>, table: &Population) -> Result<(), Problem> {
+    let says_size = |plant: &Plant| {
+        [plant.height, plant.radius, plant.age].iter().any(|number| !number.is_nan())
+    };
+    if table.extra.contains_key(DIAMETER)
+        || !table.extra.contains_key("dbh")
+        || table.plants.iter().any(says_size)
+    {
+        return Ok(());
+    }
+    let message = format!("`{}`: column `dbh` does not say its unit", path.value);
+    Err(Problem::at(path.span, message).hint("call it `dbh_cm`, `dbh_mm` or `dbh_m`"))
+}
+
 fn species_of_table(
+    place: &Place,
     path: &Written<String>,
     table: &Population,
     stand: &mut Stand<'_>,
 ) -> Result<Vec<u16>, Error> {
-    let find = |name: &String| stand.species_of(&Written { value: name.clone(), span: path.span });
+    let find = |word: &String| {
+        let value = place.species_meant(word).to_string();
+        stand.species_of(&Written { value, span: path.span })
+    };
     table.species.iter().map(find).collect()
 }
 
 /// Gives a plant the numbers that its table does not tell: size from age and age from size, and
 /// what a halftone would draw where it tells neither.
-fn fill_in(plant: &mut Plant, species: Option<&u16>, site: &Site<'_>, stand: &Stand<'_>) {
+fn fill_in(
+    plant: &mut Plant,
+    species: Option<&u16>,
+    diameter: Option<f32>,
+    site: &Site<'_>,
+    stand: &Stand<'_>,
+) {
     let Some(kind) = species.map(|species| stand.kind(*species)) else { return };
     if plant.vigor.is_nan() {
         let moisture = site.ground.soil_moisture(plant.x, plant.y);
@@ -80,6 +115,10 @@ fn fill_in(plant: &mut Plant, species: Option<&u16>, site: &Site<'_>, stand: &St
     }
     for size in [&mut plant.height, &mut plant.radius] {
         *size = if size.is_nan() { 0.0 } else { *size };
+    }
+    if let (true, Some(diameter)) = (plant.height == 0.0, diameter.filter(|d| *d > 0.0)) {
+        // Allometry knows the diameter at the base, which is a little more.
+        plant.height = kind.size.height_of_stem_diameter(diameter);
     }
     if plant.age.is_nan() {
         let height = match plant.height {
@@ -135,12 +174,18 @@ fn from_points(
     let (age, vigor) = (&place.age, &place.vigor);
     let attributes = Attributes { age, age_noise: 0.0, vigor, vigor_noise: 0.0 };
     let (ground, seed) = (&site.ground, site.seed);
-    let drawn = attributes.draw(&Newcomers { ground, stand, kind, seed, sites: &spots })?;
+    let newcomers = Newcomers { ground, stand, kind, seed, sites: &spots };
+    let drawn = attributes.draw(&newcomers)?;
     let plant = |(&(id, [x, y]), (age, vigor)): (&(u64, [f64; 2]), (f32, f32))| {
         let yaw = site.seed.stream("yaw", id).range(0.0, std::f64::consts::TAU) as f32;
         settle(&site.ground, &kind, index, Spot { id, x, y, age, vigor, yaw })
     };
-    Ok(spots.iter().zip(drawn).map(plant).collect())
+    let mut plants: Vec<Plant> = spots.iter().zip(drawn).map(plant).collect();
+    let (height, yaw_deg, upright) = (&place.height, &place.yaw_deg, &place.upright);
+    let looks = Looks { height, yaw_deg, upright, is_age_given: place.age.is_some() };
+    looks.size(&mut plants, &newcomers)?;
+    looks.orient(&mut plants, &newcomers)?;
+    Ok(plants)
 }
 
 /// Returns the middles of the blobs of an image in map coordinates.

@@ -2,9 +2,9 @@
 
 use crate::PlotFit;
 use crate::stand::Stand;
-use crate::{Error, density};
+use crate::{Error, align, density};
 use rayon::prelude::*;
-use weald_contract::{Frame, Grid, Population, Problem, Written};
+use weald_contract::{Grid, Layers, Population, Problem, Written};
 
 /// Most cells of the raster of densities between plots; they vary no faster than plots lie.
 const MOST_CELLS: f64 = 65_536.0;
@@ -24,7 +24,8 @@ struct Plot {
 
 /// Returns the density of a species between the plots of a table, plants per m².
 ///
-/// The table names `x`, `y` (map coordinates of the middle), `species`, `area` (m²) and `count`.
+/// The table names `x`, `y` (map coordinates of the middle), `species`, `count`, and the size of the
+/// plot: `area` (m²), or `radius` of a circle, or `width` and perhaps `length` of a rectangle (m).
 /// The estimate is the ratio of weighted counts to weighted areas, with Gaussian weights whose
 /// width predicts the plots best when each is left out in turn.
 pub(crate) fn density(
@@ -32,9 +33,10 @@ pub(crate) fn density(
     table: &Population,
     species: u16,
     stand: &mut Stand<'_>,
-    terrain: &Frame,
+    around: &Layers,
 ) -> Result<Grid, Error> {
-    let plots = read(path, table, &stand.population.species[usize::from(species)])?;
+    let terrain = &around.frame;
+    let plots = read(path, table, &stand.population.species[usize::from(species)], around)?;
     let fit = best(&plots);
     let (width, height) = (terrain.east() - terrain.west, terrain.north() - terrain.south);
     let cell = terrain.cell.max((width * height / MOST_CELLS).sqrt());
@@ -50,32 +52,53 @@ pub(crate) fn density(
     Ok(Grid { frame, values })
 }
 
-fn read(path: &Written<String>, table: &Population, species: &str) -> Result<Vec<Plot>, Error> {
+fn read(
+    path: &Written<String>,
+    table: &Population,
+    species: &str,
+    terrain: &Layers,
+) -> Result<Vec<Plot>, Error> {
     let wrong = |message: String| Problem::at(path.span, format!("`{}`: {message}", path.value));
-    let column = |name: &str| {
-        table.extra.get(name).ok_or_else(|| {
-            wrong(format!("there is no column `{name}`"))
-                .hint("a table of plots has x, y, species, area (m²) and count")
-        })
-    };
-    let (areas, counts) = (column("area")?, column("count")?);
+    let hint = "a table of plots has x, y, species, count, and area (m²), radius or width (m)";
+    let lacks = |name: &str| wrong(format!("there is no column `{name}`")).hint(hint);
+    let counts = table.extra.get("count").ok_or_else(|| lacks("count"))?;
+    let is_sized = table.plants.iter().any(|plant| !plant.radius.is_nan());
+    if !is_sized && !["area", "width"].iter().any(|name| table.extra.contains_key(*name)) {
+        return Err(lacks("area").into());
+    }
+    let places = align::places(path, table, None, terrain)?;
     let mut plots = Vec::new();
     for (row, plant) in table.plants.iter().enumerate() {
         if table.species.get(usize::from(plant.species)).is_none_or(|name| name != species) {
             continue;
         }
-        let (area, count) = (f64::from(areas[row]), f64::from(counts[row]));
+        let (area, count) = (area(table, row), f64::from(counts[row]));
         let is_sound = area > 0.0 && area.is_finite() && count >= 0.0 && count.is_finite();
-        if !is_sound || !plant.x.is_finite() || !plant.y.is_finite() {
+        if !is_sound || places[row].iter().any(|along| !along.is_finite()) {
             let message = format!("row {}: area {area}, count {count}", row + 1);
             return Err(wrong(message).hint("areas lie above 0, counts at or above it").into());
         }
-        plots.push(Plot { at: [plant.x, plant.y], area, count });
+        plots.push(Plot { at: places[row], area, count });
     }
     if plots.is_empty() {
         return Err(wrong(format!("no plot counts `{species}`")).into());
     }
     Ok(plots)
+}
+
+/// Returns a plot's area, m²: as it is told, or a circle's, or a rectangle's.
+fn area(table: &Population, row: usize) -> f64 {
+    let told = |name: &str| {
+        let value = table.extra.get(name).map(|column| f64::from(column[row]));
+        value.filter(|value| !value.is_nan())
+    };
+    let radius = f64::from(table.plants[row].radius);
+    let circle = (!radius.is_nan()).then_some(std::f64::consts::PI * radius * radius);
+    let rectangle = || {
+        let width = told("width")?;
+        Some(width * told("length").unwrap_or(width))
+    };
+    told("area").or(circle).or_else(rectangle).unwrap_or(f64::NAN)
 }
 
 /// Returns the density at a place from all plots but one.

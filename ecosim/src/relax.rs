@@ -12,7 +12,7 @@
 //! their plants cost.
 
 use crate::Error;
-use crate::config::RelaxStep;
+use crate::config::{RelaxStep, Weight};
 use crate::density::covering;
 use crate::field::BoundFormula;
 use crate::mass::{MASS_CELLS, Masses, Sweep};
@@ -42,12 +42,22 @@ const OVER: f64 = 1.8;
 pub struct Relaxation {
     /// Part of the way to the centre of mass; above 1 is over-relaxation, below 2 it converges.
     pub step: f64,
+    /// What weighs the ground.
+    pub weight: Weight,
 }
 
 impl Relaxation {
-    /// The usual choice for pass number `pass` of `passes`: over-relaxed, and plain at the end.
+    /// The usual choice for pass number `pass` of `passes`: weighted by the density squared,
+    /// over-relaxed, and plain at the end.
     pub fn pass(pass: u32, passes: u32) -> Self {
-        Self { step: if pass + 1 < passes { OVER } else { 1.0 } }
+        Self::weighted(Weight::Squared, pass, passes)
+    }
+
+    /// The choice for pass number `pass` of `passes` under another weight. The plain form goes the
+    /// whole way to the middle, and no further.
+    pub fn weighted(weight: Weight, pass: u32, passes: u32) -> Self {
+        let is_over = weight != Weight::Even && pass + 1 < passes;
+        Self { step: if is_over { OVER } else { 1.0 }, weight }
     }
 }
 
@@ -57,7 +67,7 @@ impl Relaxation {
 /// The result does not depend on the number of threads.
 pub fn relax(places: &mut [[f64; 2]], density: &Grid, relaxation: &Relaxation) {
     let count = places.len();
-    Lloyd::new(density, Some(count)).pass(places, count, relaxation);
+    Lloyd::new(density, Some(count), relaxation.weight).pass(places, count, relaxation.step);
 }
 
 /// A density made ready for many passes.
@@ -68,12 +78,13 @@ pub(crate) struct Lloyd<'a> {
 impl<'a> Lloyd<'a> {
     /// Prepares to relax on a density in plants per m², or in any unit if it is to hold `count`
     /// plants.
-    pub(crate) fn new(density: &'a Grid, count: Option<usize>) -> Self {
-        Self { masses: Masses::new(density, count) }
+    pub(crate) fn new(density: &'a Grid, count: Option<usize>, weight: Weight) -> Self {
+        Self { masses: Masses::new(density, count, weight) }
     }
 
-    /// Moves the first `movable` plants once; the others stay, and keep them off.
-    pub(crate) fn pass(&self, places: &mut [[f64; 2]], movable: usize, relaxation: &Relaxation) {
+    /// Moves the first `movable` plants once, `step` times the way to their centres; the others
+    /// stay, and keep them off.
+    pub(crate) fn pass(&self, places: &mut [[f64; 2]], movable: usize, step: f64) {
         let masses = &self.masses;
         let mut plants: Vec<Member> = places
             .par_iter()
@@ -81,10 +92,8 @@ impl<'a> Lloyd<'a> {
             .map(|(index, place)| Member { place: masses.local(*place), index: index as u32 })
             .collect();
         let tiles: Vec<Tile<'_>> = split(&mut plants).into_iter().map(Tile::new).collect();
-        let moved: Vec<Vec<Member>> = tiles
-            .par_iter()
-            .map(|tile| relax_tile(tile, &tiles, masses, movable, relaxation))
-            .collect();
+        let moved: Vec<Vec<Member>> =
+            tiles.par_iter().map(|tile| relax_tile(tile, &tiles, masses, movable, step)).collect();
         for plant in moved.into_iter().flatten() {
             places[plant.index as usize] = masses.on_map(plant.place);
         }
@@ -163,7 +172,7 @@ fn relax_tile(
     tiles: &[Tile<'_>],
     masses: &Masses<'_>,
     movable: usize,
-    relaxation: &Relaxation,
+    step: f64,
 ) -> Vec<Member> {
     // A lone tile knows every plant, so that nothing bounds its polygons but the ground.
     let widest = if tiles.len() == 1 { masses.diagonal() } else { 2.0 * tile.spacing() };
@@ -174,7 +183,7 @@ fn relax_tile(
         let spacing = masses.spacing(member.place).min(widest);
         let target = masses.centroid(cells.polygon(own, REACH * spacing), &mut sweep)?;
         let longest = LONGEST_MOVE * spacing;
-        let place = destination(member.place, target, longest, relaxation.step, masses);
+        let place = destination(member.place, target, longest, step, masses);
         Some(Member { place, ..*member })
     };
     let may_move = |(_, member): &(usize, &Member)| (member.index as usize) < movable;
@@ -232,10 +241,11 @@ pub(crate) fn run(step: &RelaxStep, site: &Site<'_>, stand: &mut Stand<'_>) -> R
         chosen.iter().map(|&index| [plants[index].x, plants[index].y]).collect();
     let density = wanted(step, chosen.len(), site, stand)?;
     let movable = places.len();
-    let lloyd = Lloyd::new(&density, Some(movable));
+    let lloyd = Lloyd::new(&density, Some(movable), step.weight);
     for pass in 0..step.iterations {
         site.check_cancelled()?;
-        lloyd.pass(&mut places, movable, &Relaxation::pass(pass, step.iterations));
+        let way = Relaxation::weighted(step.weight, pass, step.iterations).step;
+        lloyd.pass(&mut places, movable, way);
         site.progress.advance(1);
     }
     for (&index, [x, y]) in chosen.iter().zip(places) {

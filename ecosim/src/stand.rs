@@ -259,11 +259,14 @@ pub(crate) fn settle(ground: &Ground<'_>, kind: &Kind<'_>, species: u16, spot: S
 }
 
 /// Puts a plant on the ground at its x and y: altitude and lean.
-///
-/// The axis is "a weighted sum of the terrain's normal and the vertical" [Deussen98].
 pub(crate) fn stand_on(ground: &Ground<'_>, kind: &Kind<'_>, plant: &mut Plant) {
     plant.z = ground.altitude(plant.x, plant.y);
-    let upright = kind.upright();
+    lean_on(ground, kind.upright(), plant);
+}
+
+/// Leans a plant: its axis is "a weighted sum of the terrain's normal and the vertical"
+/// [Deussen98], of which `upright` is the vertical's weight.
+pub(crate) fn lean_on(ground: &Ground<'_>, upright: f32, plant: &mut Plant) {
     let axis = ground.normal(plant.x, plant.y) * (1.0 - upright) + Vec3::Z * upright;
     let across = (axis.x * axis.x + axis.y * axis.y).sqrt();
     plant.lean = libm::atan2f(across, axis.z);

@@ -229,7 +229,7 @@ fn plants_move_to_the_centre_of_mass_of_their_polygon() {
         })
         .collect();
     let mut moved = places.clone();
-    relax(&mut moved, &grid, &Relaxation { step: 1.0 });
+    relax(&mut moved, &grid, &Relaxation::pass(0, 1));
     for own in [0, 7, 14, 15, 20, 35] {
         let [x, y] = centre_by_force(own, &places, density);
         let off = (moved[own][0] - x).hypot(moved[own][1] - y);
@@ -242,7 +242,7 @@ fn plants_move_to_the_centre_of_mass_of_their_polygon() {
 fn relaxing_few_or_coincident_plants_is_harmless() {
     let frame = Frame { width: 10, height: 10, cell: 1.0, west: 0.0, south: 0.0 };
     let grid = Grid::filled(frame, 1.0);
-    let step = Relaxation { step: 1.0 };
+    let step = Relaxation::pass(0, 1);
     relax(&mut [], &grid, &step);
     let mut one = [[2.0, 3.0]];
     (0..50).for_each(|_| relax(&mut one, &grid, &step));

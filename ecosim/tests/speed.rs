@@ -44,7 +44,7 @@ fn lloyd_points_per_second() {
             let mut places = scattered(count * 20, side);
             places.retain(|p| density.nearest(p[0], p[1]).is_some_and(|d| d > 0.0));
             places.truncate(count);
-            let (time, ()) = seconds(|| relax(&mut places, density, &Relaxation { step: 1.0 }));
+            let (time, ()) = seconds(|| relax(&mut places, density, &Relaxation::pass(0, 1)));
             println!("lloyd {name} {}: {:.2} M/s", places.len(), places.len() as f64 / time / 1e6);
         }
     }

@@ -16,6 +16,7 @@ pub mod picture;
 pub mod plant_model;
 pub mod population;
 pub mod progress;
+mod projection;
 pub mod seed;
 pub mod size;
 pub mod source;

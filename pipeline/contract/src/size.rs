@@ -60,6 +60,11 @@ impl Size {
         self.stem_diameter * libm::powf(height / self.height, self.stem_exponent)
     }
 
+    /// Height that goes with a stem diameter, m: the inverse of [`Size::stem_diameter_of_height`].
+    pub fn height_of_stem_diameter(&self, diameter: f32) -> f32 {
+        self.height * libm::powf(diameter / self.stem_diameter, 1.0 / self.stem_exponent)
+    }
+
     /// Dry mass that goes with a height, kg.
     pub fn mass_of_height(&self, height: f32) -> f32 {
         self.mass * (height / self.height).powi(3)
@@ -96,6 +101,15 @@ mod tests {
                 let back = oak.age_of_height(oak.height_at(age, vigor), vigor);
                 assert!((back - age).abs() < 1e-2 * age, "{age} {vigor} gave {back}");
             }
+        }
+    }
+
+    #[test]
+    fn stem_diameter_and_height_are_inverse() {
+        let oak = oak();
+        for height in [0.5, 5.0, 20.0] {
+            let back = oak.height_of_stem_diameter(oak.stem_diameter_of_height(height));
+            assert!((back - height).abs() < 1e-4 * height);
         }
     }
 

@@ -109,6 +109,8 @@ mod tests {
         let table = gathered.table();
         assert_eq!(table.column("n"), Some(&Column::Integer(vec![1, 2])));
         assert_eq!(table.column("word"), Some(&Column::text(["", "oak"])));
-        assert!(matches!(table.column("f"), Some(Column::Float(f)) if f[0].is_nan() && f[1] == 0.5));
+        assert!(
+            matches!(table.column("f"), Some(Column::Float(f)) if f[0].is_nan() && f[1] == 0.5)
+        );
     }
 }

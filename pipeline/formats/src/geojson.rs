@@ -34,7 +34,8 @@ pub(crate) fn parse(path: &Path, text: &str) -> Result<(Table, Crs)> {
         gathered.declare(name);
     }
     for (row, feature) in features.iter().enumerate() {
-        for (name, value) in feature.get("properties").and_then(Json::as_object).into_iter().flatten()
+        for (name, value) in
+            feature.get("properties").and_then(Json::as_object).into_iter().flatten()
         {
             gathered.set(name, cell(value));
         }
@@ -143,7 +144,9 @@ mod tests {
             error,
             "trees.geojson, row 2, column `geometry`: expected a Point, found `Polygon`"
         );
-        for text in ["", "[]", "{\"features\": 3}", "{\"features\": [null]}", "{\"features\": [{}]}"] {
+        for text in
+            ["", "[]", "{\"features\": 3}", "{\"features\": [null]}", "{\"features\": [{}]}"]
+        {
             assert!(parse(Path::new("t.geojson"), text).is_err(), "{text}");
         }
     }

@@ -16,7 +16,8 @@ fn points(path: &Path, database: &Database) -> Result<(Table, Crs)> {
     let no_layer = |message: &str| Error::invalid(path, message, "a layer of points is read");
     let contents = rows(path, database, "gpkg_contents", &["table_name", "data_type"])?;
     let is_layer = |row: &&Vec<Value>| row[1].text() == Some("features");
-    let layers: Vec<&str> = contents.iter().filter(is_layer).filter_map(|row| row[0].text()).collect();
+    let layers: Vec<&str> =
+        contents.iter().filter(is_layer).filter_map(|row| row[0].text()).collect();
     let layer = match &layers[..] {
         [only] => *only,
         [] => return Err(no_layer("this GeoPackage has no layer of features")),
@@ -36,7 +37,9 @@ fn points(path: &Path, database: &Database) -> Result<(Table, Crs)> {
         return Err(no_layer(&format!("layer `{layer}` has no column `{geometry}`")));
     };
     let mut gathered = Gathered::default();
-    ["x", "y"].map(|name| gathered.declare(name));
+    for name in ["x", "y"] {
+        gathered.declare(name);
+    }
     for row in database.rows_of(&table)? {
         let [x, y] = row.values.get(at).and_then(point).ok_or_else(|| Error::Cell {
             path: path.into(),
@@ -123,8 +126,7 @@ fn well_known_point(bytes: &[u8]) -> Option<[f64; 2]> {
     };
     let number = |at: usize| {
         let eight = rest.get(at..)?.first_chunk::<8>().copied()?;
-        let number =
-            if order == 0 { f64::from_be_bytes(eight) } else { f64::from_le_bytes(eight) };
+        let number = if order == 0 { f64::from_be_bytes(eight) } else { f64::from_le_bytes(eight) };
         Some(number).filter(|number| number.is_finite())
     };
     match word(rest)? {
@@ -159,8 +161,9 @@ mod tests {
         // The rows are what the script wrote: enough of them for several levels of pages.
         let rows = 700;
         let numbers = |name: &str| table.column(name).and_then(Column::numbers).unwrap();
-        let expected =
-            |value: fn(f64) -> f64| (0..rows).map(|row| value(f64::from(row))).collect::<Vec<f64>>();
+        let expected = |value: fn(f64) -> f64| {
+            (0..rows).map(|row| value(f64::from(row))).collect::<Vec<f64>>()
+        };
         assert_eq!(numbers("x"), expected(|row| 481_000.0 + row));
         assert_eq!(numbers("y"), expected(|row| 5_250_000.0 - 0.5 * row));
         assert_eq!(numbers("fid"), expected(|row| row + 1.0));

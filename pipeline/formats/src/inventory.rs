@@ -142,7 +142,17 @@ const FOREST_GEO_DIAMETER: f64 = 0.1;
 const STATUS: [&str; 4] = ["dfstatus", "status", "life_status", "lifestatus"];
 /// What stands there for those that do not: ForestGEO's dead, gone, missing, and not yet there.
 const NOT_ALIVE: [&str; 12] = [
-    "d", "dead", "g", "gone", "m", "missing", "p", "prior", "stem dead", "dead stem", "lost_stem",
+    "d",
+    "dead",
+    "g",
+    "gone",
+    "m",
+    "missing",
+    "p",
+    "prior",
+    "stem dead",
+    "dead stem",
+    "lost_stem",
     "stump",
 ];
 
@@ -270,7 +280,8 @@ fn scale(column: &mut Column, factor: f64) {
 }
 
 fn take_out_dead(table: &mut Table) {
-    let is_status = |column: &&(String, Column)| STATUS.contains(&Header::of(&column.0).name.as_str());
+    let is_status =
+        |column: &&(String, Column)| STATUS.contains(&Header::of(&column.0).name.as_str());
     let Some((_, Column::Text(words))) = table.columns.iter().find(is_status) else { return };
     let lives: Vec<bool> =
         words.iter().map(|word| !NOT_ALIVE.contains(&word.to_lowercase().as_str())).collect();

@@ -156,12 +156,7 @@ fn want(name: &str) -> csv_table::Want {
 }
 
 /// Plants of a table; `crs` is what its file says where the metadata say nothing.
-fn from_table(
-    path: &Path,
-    mut table: Table,
-    metadata: &Metadata,
-    crs: Crs,
-) -> Result<Population> {
+fn from_table(path: &Path, mut table: Table, metadata: &Metadata, crs: Crs) -> Result<Population> {
     let is_degrees = inventory::translate(&mut table);
     let rows = table.rows();
     let mut columns = Columns { path, rows, table: &mut table };

@@ -306,7 +306,9 @@ fn split_outside(text: &str) -> Vec<&str> {
 
 /// A column's name; `None` for a constraint of the table.
 fn column(definition: &str) -> Option<(String, bool)> {
-    let end_of = |end: char| definition[1..].find(end).map(|at| (&definition[1..=at], &definition[at + 2..]));
+    let end_of = |end: char| {
+        definition[1..].find(end).map(|at| (&definition[1..=at], &definition[at + 2..]))
+    };
     let (name, rest) = match definition.chars().next()? {
         quote @ ('"' | '`') => end_of(quote)?,
         '[' => end_of(']')?,

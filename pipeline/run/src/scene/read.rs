@@ -153,7 +153,9 @@ impl Reader {
             self.open_inputs(tables.ecosim.as_ref().map(weald_ecosim::Config::inputs));
         let object_inputs = self.open_inputs(tables.scene.as_ref().map(object_inputs));
         let mut wanted = tables.ecosim.as_ref().map_or_else(Vec::new, named_species);
-        wanted.extend(self.species_of_tables(&ecosim_inputs));
+        if let Some(ecosim) = &tables.ecosim {
+            wanted.extend(self.species_of_tables(ecosim, &ecosim_inputs));
+        }
         let planted = sorted_names(&wanted);
         let species = self.species(wanted);
 
@@ -262,7 +264,11 @@ impl Reader {
     }
 
     /// Species that occur in tables of plants which the scene names.
-    fn species_of_tables(&mut self, inputs: &[SceneInput]) -> Vec<Written<String>> {
+    fn species_of_tables(
+        &mut self,
+        config: &weald_ecosim::Config,
+        inputs: &[SceneInput],
+    ) -> Vec<Written<String>> {
         let mut names = Vec::new();
         for SceneInput { input, path } in inputs {
             if input.kind != InputKind::Plants {
@@ -273,12 +279,11 @@ impl Reader {
                 crate::make::check_plants(path, &population, false).map(|()| population)
             });
             match checked {
-                Ok(population) => names.extend(
-                    population
-                        .species
-                        .into_iter()
-                        .map(|value| Written { value, span: input.path.span }),
-                ),
+                Ok(population) => {
+                    let meant = config.species_of_table(&input.path.value, &population.species);
+                    let span = input.path.span;
+                    names.extend(meant.into_iter().map(|value| Written { value, span }));
+                }
                 Err(error) => self.problems.push(Problem::at(input.path.span, error.to_string())),
             }
         }

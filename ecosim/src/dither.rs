@@ -144,6 +144,42 @@ mod tests {
         assert!((f64::from(values[9]) - below_last).abs() < near);
     }
 
+    /// The same rule written down plainly: the whole picture of errors, cell by cell.
+    fn plainly(width: usize, expected: &[f32]) -> Vec<bool> {
+        let height = expected.len() / width;
+        let mut value: Vec<f64> = expected.iter().map(|value| f64::from(*value)).collect();
+        let mut lit = vec![false; expected.len()];
+        let mut carried = 0.0;
+        for row in 0..height {
+            for step in 0..width {
+                let way: i64 = if row % 2 == 0 { 1 } else { -1 };
+                let column = if way == 1 { step } else { width - 1 - step };
+                let at = |dx: i64, dy: usize| -> Option<usize> {
+                    let c = usize::try_from(column as i64 + way * dx).ok()?;
+                    (c < width && row + dy < height).then_some((row + dy) * width + c)
+                };
+                let own = row * width + column;
+                if !(expected[own] > 0.0) {
+                    continue;
+                }
+                let sum = value[own] + std::mem::take(&mut carried);
+                lit[own] = sum >= 0.5;
+                let error = if lit[own] { sum - 1.0 } else { sum };
+                let to: Vec<(usize, f64)> = [(1, 0, 7.0), (-1, 1, 3.0), (0, 1, 5.0), (1, 1, 1.0)]
+                    .into_iter()
+                    .filter_map(|(dx, dy, part)| Some((at(dx, dy)?, part)))
+                    .filter(|(cell, _)| expected[*cell] > 0.0)
+                    .collect();
+                let parts: f64 = to.iter().map(|(_, part)| part).sum();
+                to.iter().for_each(|(cell, part)| value[*cell] += error * part / parts);
+                if to.is_empty() {
+                    carried = error;
+                }
+            }
+        }
+        lit
+    }
+
     #[test]
     fn nothing_expected_gives_nothing() {
         assert!(dither(4, vec![0.0; 16]).is_empty());
@@ -176,6 +212,26 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn cells_are_those_of_the_rule_written_down_plainly(
+            width in 1usize..40,
+            height in 1usize..40,
+            scale in 0.001f32..1.0,
+            holes in 0.0f32..0.6,
+            seed in any::<u64>(),
+        ) {
+            let mut stream = weald_contract::Seed(seed).stream("image", 0);
+            let expected: Vec<f32> = (0..width * height)
+                .map(|_| {
+                    let value = stream.unit() as f32 * scale;
+                    if (stream.unit() as f32) < holes { 0.0 } else { value }
+                })
+                .collect();
+            let plain = plainly(width, &expected);
+            let plain: Vec<usize> = (0..plain.len()).filter(|cell| plain[*cell]).collect();
+            prop_assert_eq!(diffuse(width, &mut expected.clone()), plain);
+        }
+
         #[test]
         fn the_count_is_the_rounded_sum_on_any_image(
             width in 1usize..40,

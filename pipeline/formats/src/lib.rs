@@ -30,6 +30,7 @@ mod image;
 mod instances;
 mod palette;
 mod png;
+mod png_bands;
 
 pub use error::{Error, Result};
 pub use image::{read_image, read_raster};

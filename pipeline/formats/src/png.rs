@@ -2,10 +2,11 @@
 
 use crate::bytes::{MAX_FILE_BYTES, read_bounded};
 use crate::error::{Error, Result};
+use crate::png_bands;
 use crate::provenance::Provenance;
 use crate::whole::write_atomically;
 use image::{DynamicImage, ExtendedColorType, ImageFormat, ImageReader, Limits};
-use std::io::{Cursor, Write};
+use std::io::{Cursor, Read, Write};
 use std::path::Path;
 use weald_contract::Image;
 
@@ -101,8 +102,24 @@ pub fn read_png(path: &Path) -> Result<Preview> {
 }
 
 /// Reads one band; a colour picture is accepted when its channels agree, as paint programs save.
+///
+/// Images larger than can be held are averaged down in bands.
 pub(crate) fn read_image(path: &Path) -> Result<Image> {
+    let largest = size(path)?.map_or(0, |[width, height]| width.max(height));
+    if largest > png_bands::LARGE_SIDE {
+        return png_bands::read(path);
+    }
     parse_image(path, &read_bounded(path, MAX_FILE_BYTES)?)
+}
+
+/// Width and height in a PNG's header [PNG] §11.2.1; `None` when it is too short for one.
+fn size(path: &Path) -> Result<Option<[u32; 2]>> {
+    let file = std::fs::File::open(path).map_err(Error::io("open", path))?;
+    let mut head = Vec::new();
+    file.take(HEAD_BYTES as u64).read_to_end(&mut head).map_err(Error::io("read", path))?;
+    let number = |at: usize| Some(u32::from_be_bytes(head.get(at..)?.first_chunk::<4>().copied()?));
+    let sizes = number(16).zip(number(20)).map(|(width, height)| [width, height]);
+    Ok(sizes.filter(|_| head.starts_with(&SIGNATURE)))
 }
 
 pub(crate) fn parse_image(path: &Path, bytes: &[u8]) -> Result<Image> {

@@ -24,9 +24,10 @@ fn relaxed_plants_of_the_curve_follow_a_painting() {
 
 #[test]
 fn analytic_densities_are_met_in_every_strip() {
-    // The integral over a strip from u to v of the square's width, as a part of the whole.
+    type Density = fn(f64, f64) -> f64;
+    // Its integral from the west edge, as a part of the whole.
     type Integral = fn(f64) -> f64;
-    let densities: [(fn(f64, f64) -> f64, Integral); 3] =
+    let densities: [(Density, Integral); 3] =
         [(|_, _| 1.0, |u| u), (|u, _| 2.0 * u, |u| u * u), (|u, _| 3.0 * u * u, |u| u * u * u)];
     for (density, integral) in densities {
         let painting = Painting::new(160, 3_000.0, density);

@@ -159,7 +159,7 @@ mod tests {
                     (c < width && row + dy < height).then_some((row + dy) * width + c)
                 };
                 let own = row * width + column;
-                if !(expected[own] > 0.0) {
+                if expected[own] <= 0.0 {
                     continue;
                 }
                 let sum = value[own] + std::mem::take(&mut carried);

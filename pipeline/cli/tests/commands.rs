@@ -241,7 +241,7 @@ fn previews_exports_and_canvases_are_written() {
     let flat = std::fs::read(tiny.path("flat.glb")).expect("a GLB");
     assert!(!String::from_utf8_lossy(&flat).contains("EXT_mesh_gpu_instancing"));
     let canvas = tiny.done("canvas scene --terrain out/terrain -o scene/inputs/nettle.png");
-    assert!(canvas.out.contains("64 x 64"), "{}", canvas.out);
+    assert!(canvas.out.contains("1024 x 1024"), "{}", canvas.out);
     assert!(tiny.path("scene/inputs/nettle.guide.png").is_file());
     tiny.done("canvas scene");
     assert!(tiny.path("scene/inputs/density.png").is_file());

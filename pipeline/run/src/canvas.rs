@@ -3,17 +3,17 @@
 use crate::error::{Error, Result};
 use crate::files;
 use crate::make;
-use crate::preview::{Sketch, draw_relief, draw_view};
+use crate::preview::{MapScale, Sketch, draw_relief_on, draw_view};
 use crate::recipe::Stage;
 use crate::scene::Scene;
 use serde::Serialize;
 use std::path::{Path, PathBuf};
-use weald_contract::{Layers, Progress};
+use weald_contract::{Frame, Layers, Progress};
 
 /// The files of a canvas.
 #[derive(Clone, Debug, Serialize)]
 pub struct Canvas {
-    /// An empty density: black, one pixel a cell.
+    /// An empty density: black, a whole number of pixels to a cell.
     pub density: PathBuf,
     /// Shaded relief with contours, water and views, of the same shape, to lay under it.
     pub guide: PathBuf,
@@ -23,7 +23,10 @@ pub struct Canvas {
     pub is_kept: bool,
 }
 
-/// Writes an empty density image of the terrain's size, and a map to paint over.
+/// Fewest pixels along the longer side: a soft brush needs some to be soft in.
+const LEAST_SIDE: usize = 1024;
+
+/// Writes an empty density image of the terrain's shape, and a map of the same size to paint over.
 ///
 /// An existing density is left alone, for someone may have painted on it.
 ///
@@ -32,16 +35,19 @@ pub struct Canvas {
 pub fn write(scene: &Scene, terrain: &Path, density: &Path) -> Result<Canvas> {
     files::must_end(density, "png")?;
     let layers = weald_formats::read_terrain(terrain)?;
-    let size = [layers.frame.width, layers.frame.height];
     let story = make::provenance(scene, Stage::Terrain, false, Vec::new());
     make::make_folder_of(density)?;
     let is_kept = density.exists();
+    let painted = is_kept.then(|| weald_formats::read_image(density).ok()).flatten();
+    let side = painted.map_or(usual_side(&layers.frame), |image| image.width.max(image.height));
+    let map = MapScale::with_side(layers.frame, side);
+    let size = map.size();
     if !is_kept {
         let empty = Sketch::filled(size[0], size[1], [0; 3]);
         weald_formats::write_png(density, size[0], size[1], &empty.rgb, &story)?;
     }
     let guide = guide_path(density);
-    let map = guide_map(scene, &layers);
+    let map = guide_map(scene, &layers, &map);
     weald_formats::write_png(&guide, map.width, map.height, &map.rgb, &story)?;
     Ok(Canvas { density: density.to_path_buf(), guide, size, is_kept })
 }
@@ -52,12 +58,18 @@ fn guide_path(density: &Path) -> PathBuf {
 }
 
 /// The relief with every view of the scene drawn in.
-fn guide_map(scene: &Scene, layers: &Layers) -> Sketch {
-    let mut map = draw_relief(layers);
+fn guide_map(scene: &Scene, layers: &Layers, map: &MapScale) -> Sketch {
+    let mut relief = draw_relief_on(layers, map);
     for view in &scene.tables.view {
-        draw_view(&mut map, layers.frame, view);
+        draw_view(&mut relief, map, view);
     }
-    map
+    relief
+}
+
+/// Pixels along the longer side: so many to each cell that there are enough.
+fn usual_side(frame: &Frame) -> usize {
+    let cells = frame.width.max(frame.height).max(1);
+    cells * LEAST_SIDE.div_ceil(cells)
 }
 
 /// The same where no run has left a terrain: it is made in a folder that is then forgotten.

@@ -3,11 +3,15 @@
 //! Shaded relief with water and contours for terrains, dots in the colours of their species for
 //! populations, a contact sheet for plant models, the tone-mapped picture for renderings.
 
+mod dots;
 mod relief;
 mod sheet;
 mod sketch;
 
-pub use relief::{colors_by_name, draw_population, draw_relief, draw_view};
+pub use dots::{Painted, draw_dots};
+pub use relief::{
+    MapScale, colors_by_name, draw_population, draw_relief, draw_relief_on, draw_view,
+};
 pub use sheet::contact_sheet;
 pub use sketch::Sketch;
 

@@ -9,7 +9,7 @@ use crate::scene::{Scene, SceneInput};
 use serde_json::{Value as Json, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use weald_contract::{InputKind, Population, Progress};
+use weald_contract::{Image, InputKind, Population, Progress};
 use weald_formats::{Column, Provenance, Table};
 
 /// Where ecosim's files go.
@@ -40,12 +40,13 @@ pub fn ecosim(
     if let Some(start) = &paths.start {
         provenance.inputs.push(parent(start)?);
     }
+    let images = images(scene, &scene.ecosim_inputs)?;
     let outcome = weald_ecosim::grow(
         &scene.ecosim,
         &weald_ecosim::Surroundings {
             terrain: &terrain,
             species: &ecosim_species(scene),
-            images: &images(scene, &scene.ecosim_inputs)?,
+            images: &images,
             plants: &plants_of_tables(scene)?,
             views: &views_seen_from(scene, &scene.ecosim),
         },
@@ -79,7 +80,31 @@ pub fn ecosim(
     let colors = species_colors(scene, &outcome.population);
     let dots = preview::draw_population(&outcome.population, Some(&terrain), &colors);
     made.preview(&paths.population.with_extension("png"), &dots, &provenance)?;
+    let densities = densities(scene, &images);
+    if !densities.is_empty() {
+        let is_patch =
+            |name: &String| scene.species.get(name).is_some_and(|s| s.species.group.is_some());
+        let names = &outcome.population.species;
+        let is_drawn: Vec<bool> = names.iter().map(|name| !is_patch(name)).collect();
+        let ground = terrain.frame;
+        let dots = preview::draw_dots(&outcome.population, ground, &densities, &colors, &is_drawn);
+        made.preview(&paths.population.with_extension("dots.png"), &dots, &provenance)?;
+    }
     Ok(made)
+}
+
+/// The density images of the halftones that run, with the colours of their species.
+fn densities<'a>(scene: &Scene, images: &'a BTreeMap<String, Image>) -> Vec<preview::Painted<'a>> {
+    let steps = scene.ecosim.step.iter().filter(|step| step.common.enabled);
+    steps
+        .filter_map(|step| {
+            let weald_ecosim::Step::Halftone(halftone) = &step.variant else { return None };
+            let image = images.get(&halftone.density.as_ref()?.value)?;
+            let color = scene.species.get(&halftone.species.value)?.species.color;
+            let color = color.map(|channel| channel.min(255) as u8);
+            Some(preview::Painted { image, invert: halftone.invert, color })
+        })
+        .collect()
 }
 
 /// Tables of plants among ecosim's inputs, by path as written.

@@ -27,8 +27,12 @@ pub struct MapScale {
 impl MapScale {
     /// A map of the whole frame with sides between the limits above.
     pub fn of(frame: Frame) -> Self {
+        Self::with_side(frame, frame.width.max(frame.height).clamp(MIN_SIDE, MAX_SIDE))
+    }
+
+    /// A map of the whole frame whose longer side has so many pixels.
+    pub fn with_side(frame: Frame, side: usize) -> Self {
         let long = frame.width.max(frame.height).max(1);
-        let side = long.clamp(MIN_SIDE, MAX_SIDE);
         let scale = side as f64 / long as f64;
         let pixels = |cells: usize| ((cells as f64 * scale).round() as usize).max(1);
         Self {
@@ -39,6 +43,16 @@ impl MapScale {
         }
     }
 
+    /// Pixels across and down.
+    pub fn size(&self) -> [usize; 2] {
+        [self.width, self.height]
+    }
+
+    /// Pixels to a metre.
+    pub fn pixels_per_metre(&self) -> f64 {
+        self.pixels_per_metre
+    }
+
     /// Pixel of a point in map coordinates.
     pub fn pixel(&self, x: f64, y: f64) -> [f64; 2] {
         [
@@ -47,7 +61,8 @@ impl MapScale {
         ]
     }
 
-    fn point(&self, column: usize, row: usize) -> (f64, f64) {
+    /// Map coordinates of the middle of a pixel.
+    pub fn point(&self, column: usize, row: usize) -> (f64, f64) {
         (
             self.frame.west + (column as f64 + 0.5) / self.pixels_per_metre,
             self.frame.north() - (row as f64 + 0.5) / self.pixels_per_metre,
@@ -57,14 +72,18 @@ impl MapScale {
 
 /// Draws a terrain: altitude tints, hill shading, contours, water by depth, and a scale.
 pub fn draw_relief(terrain: &Layers) -> Sketch {
-    let (mut sketch, map, interval) = draw_ground(terrain);
-    scale_bar(&mut sketch, &map, interval);
+    draw_relief_on(terrain, &MapScale::of(terrain.frame))
+}
+
+/// The same on a map of another size.
+pub fn draw_relief_on(terrain: &Layers, map: &MapScale) -> Sketch {
+    let (mut sketch, interval) = draw_ground(terrain, map);
+    scale_bar(&mut sketch, map, interval);
     sketch
 }
 
 /// The relief alone, with the interval of its contours.
-fn draw_ground(terrain: &Layers) -> (Sketch, MapScale, f32) {
-    let map = MapScale::of(terrain.frame);
+fn draw_ground(terrain: &Layers, map: &MapScale) -> (Sketch, f32) {
     let altitudes = terrain.values("altitude").unwrap_or(&[]);
     let (low, high) = range(altitudes);
     let interval = contour_interval(high - low);
@@ -72,10 +91,10 @@ fn draw_ground(terrain: &Layers) -> (Sketch, MapScale, f32) {
     sketch.rgb.par_chunks_mut(3 * map.width).enumerate().for_each(|(row, line)| {
         for (column, pixel) in line.chunks_exact_mut(3).enumerate() {
             let (x, y) = map.point(column, row);
-            pixel.copy_from_slice(&relief_color(terrain, &map, x, y, (low, high), interval));
+            pixel.copy_from_slice(&relief_color(terrain, map, x, y, (low, high), interval));
         }
     });
-    (sketch, map, interval)
+    (sketch, interval)
 }
 
 /// Colour of one point of a relief.
@@ -170,7 +189,8 @@ pub fn draw_population(
 ) -> Sketch {
     let (map, mut sketch) = match terrain {
         Some(terrain) => {
-            let (mut relief, map, interval) = draw_ground(terrain);
+            let map = MapScale::of(terrain.frame);
+            let (mut relief, interval) = draw_ground(terrain, &map);
             // Faded, so that dots stand out.
             relief.rgb.iter_mut().for_each(|channel| *channel = 128 + *channel / 2);
             scale_bar(&mut relief, &map, interval);
@@ -245,9 +265,9 @@ fn legend(sketch: &mut Sketch, population: &Population, colors: &[[u8; 3]]) {
 }
 
 /// Draws where a view stands, what it looks at, and the wedge that it sees.
-pub fn draw_view(sketch: &mut Sketch, frame: Frame, view: &View) {
-    let map = MapScale::of(frame);
-    let place = |at: [f64; 2]| map.pixel(frame.west + at[0], frame.south + at[1]);
+pub fn draw_view(sketch: &mut Sketch, map: &MapScale, view: &View) {
+    let Frame { west, south, .. } = map.frame;
+    let place = |at: [f64; 2]| map.pixel(west + at[0], south + at[1]);
     let (eye, target) = (place(view.stand_at), place(view.look_at));
     let along = (target[1] - eye[1]).atan2(target[0] - eye[0]);
     let reach = (sketch.width + sketch.height) as f64;

@@ -168,6 +168,7 @@ impl<'a> ImageField<'a> {
     ) -> Result<Self, Error> {
         check_image(path, image)?;
         if let Some(frame) = image.frame {
+            check_overlap(path, &frame, terrain)?;
             let (west, north) = (frame.west, frame.north());
             return Ok(Self {
                 image,
@@ -252,6 +253,24 @@ fn touched(from: f64, to: f64, size: usize) -> std::ops::Range<usize> {
 fn shared(from: f64, to: f64, index: usize) -> f64 {
     let (start, end) = (index as f64, (index + 1) as f64);
     (to.min(end) - from.max(start)).max(0.0)
+}
+
+/// Complains of an image that covers nothing of the terrain.
+fn check_overlap(path: &Written<String>, image: &Frame, terrain: &Frame) -> Result<(), Error> {
+    let is_beside = image.west >= terrain.east()
+        || image.east() <= terrain.west
+        || image.south >= terrain.north()
+        || image.north() <= terrain.south;
+    if !is_beside {
+        return Ok(());
+    }
+    let extent = |frame: &Frame| {
+        format!("{} to {}, {} to {}", frame.west, frame.east(), frame.south, frame.north())
+    };
+    let message =
+        format!("the image `{}` lies beside the terrain, at {}", path.value, extent(image));
+    let hint = format!("the terrain's map coordinates run from {}", extent(terrain));
+    Err(Problem::at(path.span, message).hint(hint).into())
 }
 
 fn check_image(path: &Written<String>, image: &Image) -> Result<(), Error> {

@@ -231,6 +231,12 @@ fn numbers_and_shapes_that_no_density_has_are_mistakes() {
         let place = format!("holds {wrong} at column 1, row 1; densities are numbers from 0");
         assert!(message.contains(&place) && at == "\"i\"", "{message} {at}");
     }
+    let mut beside = image_of(vec![1.0; 4], 2, 2, false);
+    beside.frame =
+        Some(weald_contract::Frame { width: 2, height: 2, cell: 9.0, west: 0.0, south: 0.0 });
+    world.images.insert("i".into(), beside);
+    let (message, _) = world.mistake(&format!("{IMAGE}1"));
+    assert!(message.contains("lies beside the terrain, at 0 to 18, 0 to 18"), "{message}");
     world.images.insert("i".into(), image_of(vec![1.0; 7], 1, 7, false));
     assert!(world.mistake(&format!("{IMAGE}1")).0.contains("1 x 7 pixels over 20 x 20 m"));
     world.images.insert("i".into(), image_of(vec![1.0], 1, 1, false));

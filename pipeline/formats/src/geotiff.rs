@@ -107,6 +107,14 @@ pub fn provenance(path: &Path) -> Result<Option<Provenance>> {
     Ok(item.and_then(|json| Provenance::from_json(&json)))
 }
 
+/// The reference system of a GeoTIFF, without its values.
+///
+/// # Errors
+/// When the file is not a readable GeoTIFF.
+pub fn reference_system(path: &Path) -> Result<Crs> {
+    Ok(crs(&open(path)?))
+}
+
 fn options() -> GeoTiffOpenOptions {
     // The widest sample has eight bytes.
     let mut options =

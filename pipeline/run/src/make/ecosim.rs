@@ -9,7 +9,7 @@ use crate::scene::{Scene, SceneInput};
 use serde_json::{Value as Json, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
-use weald_contract::{Image, InputKind, Population, Progress};
+use weald_contract::{Crs, Image, InputKind, Population, Problem, Progress};
 use weald_formats::{Column, Provenance, Table};
 
 /// Where ecosim's files go.
@@ -40,6 +40,7 @@ pub fn ecosim(
     if let Some(start) = &paths.start {
         provenance.inputs.push(parent(start)?);
     }
+    check_maps(scene, &terrain.crs)?;
     let images = images(scene, &scene.ecosim_inputs)?;
     let outcome = weald_ecosim::grow(
         &scene.ecosim,
@@ -105,6 +106,38 @@ fn densities<'a>(scene: &Scene, images: &'a BTreeMap<String, Image>) -> Vec<prev
             Some(preview::Painted { image, invert: halftone.invert, color })
         })
         .collect()
+}
+
+/// Complains of images on another map than the terrain's.
+fn check_maps(scene: &Scene, terrain: &Crs) -> Result<()> {
+    for SceneInput { input, path } in &scene.ecosim_inputs {
+        let is_map = path
+            .extension()
+            .is_some_and(|e| e.eq_ignore_ascii_case("tif") || e.eq_ignore_ascii_case("tiff"));
+        if input.kind != InputKind::Image || !is_map {
+            continue;
+        }
+        let image =
+            weald_formats::geotiff::reference_system(path).map_err(at_field(scene, input))?;
+        let differ = matches!((image.epsg, terrain.epsg), (Some(a), Some(b)) if a != b);
+        if differ || (image.is_geographic && !terrain.is_geographic) {
+            let system = |crs: &Crs| match crs.epsg {
+                Some(epsg) => format!("EPSG:{epsg}"),
+                None if crs.is_geographic => "degrees".into(),
+                None => "metres of its own".into(),
+            };
+            let message = format!(
+                "`{}` is a map in {}, the terrain in {}",
+                input.path.value,
+                system(&image),
+                system(terrain)
+            );
+            let hint = "bring it to the terrain's reference system: `gdalwarp -t_srs`";
+            let problem = Problem::at(input.path.span, message).hint(hint);
+            return Err(Error::wrong(&scene.sources, problem));
+        }
+    }
+    Ok(())
 }
 
 /// Tables of plants among ecosim's inputs, by path as written.

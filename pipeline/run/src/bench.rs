@@ -118,6 +118,7 @@ pub fn bench(request: &Request) -> Result<Figures> {
             Stage::Ecosim => {
                 figures.push(ecosim::self_thinning(&size, input)?);
                 if input.is_none() {
+                    figures.push(ecosim::giants(&size)?);
                     figures.push(ecosim::plant_steps(&size, &species)?);
                     figures.push(ecosim::lloyd(&size)?);
                 }

@@ -6,44 +6,73 @@ use crate::scene::SceneSpecies;
 use std::collections::BTreeMap;
 use std::path::Path;
 use weald_contract::{Crs, Frame, Grid, Layers, Seed, Silent};
+use weald_ecosim::self_thinning::{Rules, Stem, Thinning};
+use weald_ecosim::{Edge, Growth, Order};
 
-/// The bare competition of [Deussen98] §5.1: what is dominated dies, what lives grows.
+/// Steps of self-thinning, and growth in each, m.
+const STEPS: u32 = 20;
+const GROWTH: f64 = 0.01;
+
+/// Self-thinning [Deussen98] §5.1: what is dominated dies, what lives grows.
 ///
 /// Unless circles are given, there is one to a square metre, with a radius of 2 to 10 cm.
 pub(super) fn self_thinning(size: &Size, input: Option<&Path>) -> Result<Figure> {
-    const YEARS: u32 = 20;
-    const GROWTH: f32 = 0.01;
-    let circles = match input {
-        Some(path) => given::circles(path)?,
-        None => {
-            let side = f64::from(size.first_plants).sqrt();
-            let mut chance = Seed(1).stream("circles", 0);
-            (0..size.first_plants)
-                .map(|_| {
-                    let [x, y, radius] =
-                        [(0.0, side), (0.0, side), (0.02, 0.1)].map(|(a, b)| chance.range(a, b));
-                    given::circle(x, y, radius as f32)
-                })
-                .collect()
+    match input {
+        Some(path) => {
+            let stems = given::stems(path)?;
+            let extent = stems.iter().fold(0.0f64, |most, stem| most.max(stem.x).max(stem.y));
+            thin("self-thinning", size, extent * 1.001 + 1.0, stems.into_iter())
         }
+        None => thin("self-thinning", size, side(size), stand(size.first_plants, 0.0)),
+    }
+}
+
+/// Self-thinning with one plant in a thousand fifty times as large.
+pub(super) fn giants(size: &Size) -> Result<Figure> {
+    thin("self-thinning, giants", size, side(size), stand(size.first_plants, 50.0))
+}
+
+fn side(size: &Size) -> f64 {
+    f64::from(size.first_plants).sqrt()
+}
+
+/// Plants one to a square metre; every thousandth is `giant` times as large, unless that is 0.
+fn stand(count: u32, giant: f32) -> impl Iterator<Item = Stem> + Clone {
+    let (side, mut chance) = (f64::from(count).sqrt(), Seed(1).stream("circles", 0));
+    (0..count).map(move |id| {
+        let [x, y, radius] =
+            [(0.0, side), (0.0, side), (0.02, 0.1)].map(|(a, b)| chance.range(a, b));
+        let is_giant = giant > 0.0 && id % 1000 == 0;
+        Stem { id, x, y, radius: radius as f32 * if is_giant { giant } else { 1.0 } }
+    })
+}
+
+fn thin(
+    name: &'static str,
+    size: &Size,
+    side: f64,
+    stems: impl Iterator<Item = Stem> + Clone,
+) -> Result<Figure> {
+    let rules = Rules {
+        size: [side, side],
+        edge: Edge::Open,
+        order: Order::Sync,
+        growth: Growth { rate: GROWTH, ..Growth::default() },
+        limit: f32::INFINITY,
+        seed: Seed(1),
     };
-    let (time, (steps, living)) = best(size, || {
-        let (mut circles, mut steps) = (circles.clone(), 0);
-        for _ in 0..YEARS {
-            steps += circles.len();
-            let (plain, order) = (weald_ecosim::Plain::Open, weald_ecosim::Order::Sync);
-            let over = weald_ecosim::dominators(&circles, plain, order, |_| false);
-            let mut over = over.iter();
-            circles.retain(|_| over.next().is_some_and(Option::is_none));
-            for circle in &mut circles {
-                circle.radius += GROWTH;
-                circle.ability = circle.radius;
-            }
+    let (time, (first, steps, living)) = best(size, || {
+        let mut thinning = Thinning::new(rules.clone(), stems.clone());
+        let (first, mut steps) = (thinning.len(), 0);
+        for _ in 0..STEPS {
+            steps += thinning.len();
+            thinning.look();
+            thinning.advance();
         }
-        Ok((steps, circles.len()))
+        Ok((first, steps, thinning.len()))
     })?;
-    let input = format!("{} circles at first, {YEARS} years", circles.len());
-    let figure = Figure::rate("self-thinning", steps as f64, "plant-steps/s", time, input);
+    let input = format!("{first} circles at first, {STEPS} steps");
+    let figure = Figure::rate(name, steps as f64, "plant-steps/s", time, input);
     Ok(figure.with(living as f64))
 }
 

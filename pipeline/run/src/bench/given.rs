@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use std::path::Path;
 use weald_contract::Raster;
-use weald_ecosim::Circle;
+use weald_ecosim::self_thinning::Stem;
 use weald_formats::table::{Column, Table, read_table};
 
 /// An elevation model without gaps.
@@ -15,13 +15,8 @@ pub(super) fn raster(path: &Path) -> Result<Raster> {
     }
 }
 
-/// A circle whose competitive ability is its size.
-pub(super) fn circle(x: f64, y: f64, radius: f32) -> Circle {
-    Circle { x, y, radius, ability: radius }
-}
-
 /// Circles from the columns `x`, `y` and `radius`.
-pub(super) fn circles(path: &Path) -> Result<Vec<Circle>> {
+pub(super) fn stems(path: &Path) -> Result<Vec<Stem>> {
     let table = read_table(path)?;
     let column = |name: &str| match table.column(name) {
         Some(column) => finite(path, name, column),
@@ -32,8 +27,13 @@ pub(super) fn circles(path: &Path) -> Result<Vec<Circle>> {
         let message = format!("the radius of row {} is negative", row + 1);
         return Err(refused(path, &message, "radii are lengths in metres"));
     }
-    let places = x.into_iter().zip(y).zip(radius);
-    Ok(places.map(|((x, y), radius)| circle(x, y, radius as f32)).collect())
+    let stem = |(id, ((x, y), radius)): (usize, ((f64, f64), f64))| Stem {
+        id: id as u32,
+        x,
+        y,
+        radius: radius as f32,
+    };
+    Ok(x.into_iter().zip(y).zip(radius).enumerate().map(stem).collect())
 }
 
 /// Rows of all numeric columns; the column `weight`, if there is one, weighs them.

@@ -345,8 +345,8 @@ fn layout(field: &Field, sites: &[Site], greatest: f32) -> ([usize; CLASSES], Ve
     let common = common.map_or(0, |class| class + 1);
     let (mut of_class, mut levels) = ([0; CLASSES], Vec::new());
     let mut first_cell = 0;
-    for class in 0..CLASSES.min(common + 1) {
-        of_class[class] = levels.len();
+    for (class, level) in of_class.iter_mut().enumerate().take(common + 1) {
+        *level = levels.len();
         let classes = if class == common { class..CLASSES } else { class..class + 1 };
         let count: usize = counts[classes.clone()].iter().sum();
         if count == 0 {

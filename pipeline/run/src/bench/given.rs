@@ -93,12 +93,12 @@ mod tests {
     }
 
     #[test]
-    fn circles_compete_by_their_size() {
+    fn circles_are_numbered_by_row() {
         let path = file("radius,x,y\n0.5,1,2\n0.25,3,4\n");
-        let found = circles(&path).unwrap();
+        let found = stems(&path).unwrap();
         assert_eq!(found.len(), 2);
         assert_eq!((found[1].x, found[1].y), (3.0, 4.0));
-        assert_eq!((found[1].radius, found[1].ability), (0.25, 0.25));
+        assert_eq!((found[1].radius, found[1].id), (0.25, 1));
     }
 
     #[test]
@@ -119,7 +119,7 @@ mod tests {
             ("x,y,radius\n1,,3\n", "row 1"),
         ] {
             let path = file(text);
-            let message = circles(&path).unwrap_err().to_string();
+            let message = stems(&path).unwrap_err().to_string();
             assert!(message.contains(word), "{message}");
         }
     }

@@ -1,12 +1,12 @@
 //! The tables `[render]` and `[sky]` of a scene.
 
-use weald_contract::{Problem, Problems, View, Written, table};
+use weald_contract::{Problem, Problems, Span, View, Written, table};
 
 table! {
     /// How the picture is made.
     pub struct Config {
-        /// Name of the `[[view]]` to render.
-        view: Written<String>;
+        /// Name of the `[[view]]` to render; without it, the first.
+        view: Written<String> = Written { value: String::new(), span: Span::default() };
         /// Pixels across and down.
         resolution: [u32; 2] = [960, 540], in 1.0..=16384.0;
         /// Light paths traced for each pixel; with `noise`, at most.
@@ -74,7 +74,12 @@ impl Config {
     /// # Errors
     /// There is none of that name; the problem lists those that exist.
     pub fn find_view<'a>(&self, views: &'a [View]) -> Result<&'a View, Problem> {
-        views.iter().find(|view| view.name == self.view.value).ok_or_else(|| {
+        let is_wanted = |view: &&View| self.view.value.is_empty() || view.name == self.view.value;
+        views.iter().find(is_wanted).ok_or_else(|| {
+            if self.view.value.is_empty() {
+                return Problem::new("the scene has no view to render".to_string())
+                    .hint("add a `[[view]]` with `name`, `stand_at` and `look_at`");
+            }
             let names: Vec<&str> = views.iter().map(|view| view.name.as_str()).collect();
             let hint = match weald_contract::source::nearest(&self.view.value, names.clone()) {
                 Some(near) => format!("did you mean `{near}`?"),

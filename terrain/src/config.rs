@@ -9,8 +9,12 @@ use weald_contract::{Input, InputKind, Problem, Problems, Span, View, Written, t
 table! {
     /// `[terrain]`: an elevation model, the operators that shape it, and its water.
     pub struct Config {
-        /// Elevation model: GeoTIFF, ESRI ASCII, 16-bit PNG or EXR, in metres.
+        /// Elevation model: GeoTIFF, ESRI ASCII, SRTM's HGT, or an image of heights (PNG, EXR, NPY).
         source: Written<String>;
+        /// Side of a pixel of an image of heights, m.
+        source_cell: Option<f64> = None, in 0.001..=100000.0;
+        /// Altitudes of black and white in an image of heights, m. Floats are metres without them.
+        source_heights: Option<[f64; 2]> = None, in -100000.0..=100000.0;
         /// Side of a cell, m. Without it, that of the source.
         cell: Option<Written<f64>> = None, in 0.001..=100000.0;
         /// Operators, first to last.
@@ -144,6 +148,11 @@ impl Config {
     /// Names of the layers that this terrain will have, sorted: what formulas may read.
     pub fn layer_names(&self) -> Vec<&str> {
         environment::wanted(self).into_iter().collect()
+    }
+
+    /// Names of the layers that `layers` lists, sorted, `normal` as its three.
+    pub fn named_layers(&self) -> std::collections::BTreeSet<&'static str> {
+        environment::named(self)
     }
 
     /// Layers that operators replace or blend.

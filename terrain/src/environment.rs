@@ -228,16 +228,22 @@ pub(crate) fn check_names(names: &[Written<String>], problems: &mut Problems) {
 }
 
 /// Names of the layers that a configuration makes, sorted.
-pub(crate) fn wanted(config: &Config) -> BTreeSet<&str> {
-    let mut names: BTreeSet<&str> =
-        CATALOGUE.iter().filter(|kind| kind.is_usual).map(|kind| kind.name).collect();
-    for name in config.layers.iter().map(|name| name.value.as_str()).chain(config.edited_layers()) {
-        match name {
-            "normal" => names.extend(NORMAL),
-            name => names.extend(kind(name).map(|kind| kind.name)),
-        }
-    }
-    names
+pub(crate) fn wanted(config: &Config) -> BTreeSet<&'static str> {
+    let usual = CATALOGUE.iter().filter(|kind| kind.is_usual).map(|kind| kind.name);
+    usual.chain(named(config)).chain(expand(config.edited_layers())).collect()
+}
+
+/// Names of the layers that `layers` lists, sorted.
+pub(crate) fn named(config: &Config) -> BTreeSet<&'static str> {
+    expand(config.layers.iter().map(|name| name.value.as_str())).collect()
+}
+
+/// Layers by what people call them: `normal` is three.
+fn expand<'a>(names: impl Iterator<Item = &'a str>) -> impl Iterator<Item = &'static str> {
+    names.flat_map(|name| match name {
+        "normal" => NORMAL.to_vec(),
+        name => kind(name).map(|kind| kind.name).into_iter().collect(),
+    })
 }
 
 /// What the layers on demand are made from.

@@ -142,11 +142,19 @@ pub struct Run {
 
 /// `weald terrain`.
 #[derive(Debug, ClapArgs)]
-#[command(after_long_help = "Example:\n  weald terrain scenes/pond -o terrain")]
+#[command(after_long_help = "\
+Examples:
+  weald terrain scenes/pond -o terrain
+  weald terrain stack.toml --layers filled,wetness,insolation -o layers
+
+`stack.toml` needs no more than a `[terrain]` table; docs/terrain.md lists the layers.")]
 pub struct Terrain {
     /// The scene.
     #[command(flatten)]
     pub scene: SceneArgs,
+    /// Write just these layers, separated by commas, instead of a whole terrain.
+    #[arg(long, value_name = "NAMES", value_delimiter = ',')]
+    pub layers: Vec<String>,
     /// Folder for the layers; the preview goes beside it.
     #[arg(long, short, value_name = "FOLDER", value_hint = ValueHint::DirPath)]
     pub output: PathBuf,

@@ -29,8 +29,13 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Command::Run(run) if run.watch => watch(run, global),
         Command::Run(run) => run_once(run, run.draft, global).map(|_| ExitCode::SUCCESS),
         Command::Terrain(terrain) => one_stage(global, |shown| {
-            let scene = load(&terrain.scene, global)?;
-            alone::terrain(&scene, &terrain.output, shown)
+            let Some(layers) = layers_flag(&terrain.layers) else {
+                return alone::terrain(&load(&terrain.scene, global)?, &terrain.output, shown);
+            };
+            let mut changes = changes(&terrain.scene, global);
+            changes.set.push(layers);
+            let scene = Scene::load(&terrain.scene.scene, &changes)?;
+            alone::named_layers(&scene, &terrain.output, shown)
         }),
         Command::Ecosim(ecosim) => one_stage(global, |shown| grow(ecosim, global, shown)),
         Command::Quantize(arguments) if arguments.table.is_some() => {
@@ -103,8 +108,17 @@ fn set_threads(global: &Global) -> Result<()> {
 }
 
 fn load(arguments: &SceneArgs, global: &Global) -> Result<Scene> {
-    let changes = Changes { set: arguments.set.clone(), seed: global.seed };
-    Scene::load(&arguments.scene, &changes)
+    Scene::load(&arguments.scene, &changes(arguments, global))
+}
+
+fn changes(arguments: &SceneArgs, global: &Global) -> Changes {
+    Changes { set: arguments.set.clone(), seed: global.seed }
+}
+
+/// The change of a scene that `--layers` stands for, if it was given.
+fn layers_flag(names: &[String]) -> Option<String> {
+    let quoted: Vec<String> = names.iter().map(|name| format!("{:?}", name.trim())).collect();
+    (!names.is_empty()).then(|| format!("terrain.layers=[{}]", quoted.join(", ")))
 }
 
 /// Prints a report: as JSON if asked, else in words unless quiet.

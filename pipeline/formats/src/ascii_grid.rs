@@ -3,10 +3,12 @@
 use crate::bytes::{MAX_FILE_BYTES, read_text};
 use crate::error::{Error, Result};
 use crate::geotiff::MAX_CELLS;
+use crate::utm::{self, Cells};
 use std::path::Path;
 use weald_contract::{Crs, Frame, Grid, Raster};
 
-/// Reads an ESRI ASCII grid; the format names no reference system.
+/// Reads an ESRI ASCII grid; the format names no reference system, and what can only be longitude
+/// and latitude is taken for WGS 84 and brought to its UTM zone.
 ///
 /// # Errors
 /// When the header lacks a field or the numbers are not as many as it says.
@@ -39,6 +41,11 @@ pub fn parse_raster(path: &Path, text: &str) -> Result<Raster> {
         let message = format!("the grid has {} numbers", values.len());
         let hint = format!("the header promises {} x {}", frame.width, frame.height);
         return Err(Error::invalid(path, message, hint));
+    }
+    if are_degrees(&frame) {
+        let Frame { width, height, cell, west, .. } = frame;
+        let cells = Cells { width, height, west, north: frame.north(), across: cell, down: cell };
+        return utm::to_utm(path, &cells, &values, &Crs::default());
     }
     Ok(Raster { grid: Grid { frame, values }, crs: Crs::default() })
 }
@@ -128,11 +135,6 @@ impl Header {
         let half = |is_center: bool| if is_center { 0.5 * cell } else { 0.0 };
         let west = need(self.xll, "xllcorner")? - half(self.x_is_center);
         let south = need(self.yll, "yllcorner")? - half(self.y_is_center);
-        if are_degrees(cell, west, south) {
-            let message = format!("cells of {cell} at {west}, {south} are degrees");
-            let hint = "metres are read: `gdalwarp -t_srs EPSG:UTM_ZONE -tr 1 1 IN.asc OUT.tif`";
-            return Err(Error::invalid(path, message, hint));
-        }
         Ok(Frame { width: columns as usize, height: rows as usize, cell, west, south })
     }
 }
@@ -141,7 +143,7 @@ impl Header {
 ///
 /// The format names no reference system. Ten-millimetre cells occur in laboratories, but those
 /// are measured from an origin, not from a corner that lies whole degrees away from it.
-fn are_degrees(cell: f64, west: f64, south: f64) -> bool {
+fn are_degrees(&Frame { cell, west, south, .. }: &Frame) -> bool {
     cell < 0.01 && (1.0..=180.0).contains(&west.abs()) && (1.0..=90.0).contains(&south.abs())
 }
 
@@ -178,15 +180,16 @@ mod tests {
     }
 
     #[test]
-    fn degrees_are_not_taken_for_metres() {
+    fn degrees_become_metres() {
         let grid = |corner: &str, cell: &str| {
             format!("ncols 1\nnrows 1\n{corner}\ncellsize {cell}\n1630\n")
         };
         let read = |text: String| parse_raster(Path::new("dem.asc"), &text);
-        // Three arc seconds near Boulder.
-        let error = read(grid("xllcorner -105.36\nyllcorner 40.02", "0.000833333333"));
-        let error = error.unwrap_err().to_string();
-        assert!(error.contains("dem.asc") && error.contains("degrees"), "{error}");
+        // Three arc seconds near Boulder, 71 by 92.5 m.
+        let header = "ncols 9\nnrows 9\nxllcorner -105.36\nyllcorner 40.02\ncellsize 0.000833333";
+        let boulder = read(format!("{header}\n{}", "1630 ".repeat(81))).unwrap();
+        assert_eq!((boulder.crs.epsg, boulder.grid.frame.cell), (Some(32613), 81.1));
+        assert!(boulder.grid.values.iter().all(|height| *height == 1630.0));
         // A sand box of five-millimetre cells.
         assert!(read(grid("xllcorner 0\nyllcorner 0", "0.005")).is_ok());
         assert!(read(grid("xllcorner 500000\nyllcorner 40", "0.005")).is_ok());

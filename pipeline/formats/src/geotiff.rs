@@ -6,6 +6,7 @@
 
 use crate::error::{Error, Result};
 use crate::provenance::Provenance;
+use crate::utm::{self, Cells};
 use crate::whole::{AnyError, write_atomically};
 use geotiff_reader::{GeoTiffFile, GeoTiffOpenOptions};
 use std::path::Path;
@@ -50,7 +51,7 @@ pub struct Band {
     pub definition: String,
 }
 
-/// Reads a raster.
+/// Reads a raster; longitude and latitude are brought to the UTM zone of the raster's middle.
 ///
 /// # Errors
 /// When the file is damaged, has several bands, is rotated or has cells that are not square.
@@ -86,13 +87,11 @@ pub fn parse_raster(path: &Path, bytes: Vec<u8>) -> Result<Raster> {
 /// As [`read_raster`].
 pub fn read_image(path: &Path) -> Result<Image> {
     let file = open(path)?;
-    let samples = samples(path, &file)?;
-    let maximum = samples.maximum;
-    let mut values = samples.values;
+    let Samples { mut values, maximum } = samples(path, &file)?;
     if let Some(maximum) = maximum {
         values.iter_mut().for_each(|value| *value = (f64::from(*value) / maximum) as f32);
     }
-    let frame = frame(path, &file, None)?;
+    let Grid { frame, values } = place(path, &file, values, None)?.grid;
     let (width, height) = (frame.width, frame.height);
     Ok(Image { width, height, values, is_float: maximum.is_none(), frame: Some(frame) })
 }
@@ -149,14 +148,24 @@ fn guarded<T>(path: &Path, read: impl FnOnce() -> geotiff_reader::Result<T>) -> 
 }
 
 fn raster(path: &Path, file: &GeoTiffFile, south: Option<f64>) -> Result<Raster> {
-    reject_feet(path, file)?;
-    let frame = frame(path, file, south)?;
     let values = samples(path, file)?.values;
-    Ok(Raster { grid: Grid { frame, values }, crs: crs(file) })
+    place(path, file, values, south)
 }
 
-/// The place of the cells. `exact_south` undoes the rounding of north = south + height · cell.
-fn frame(path: &Path, file: &GeoTiffFile, exact_south: Option<f64>) -> Result<Frame> {
+/// Values on their squares of metres.
+fn place(path: &Path, file: &GeoTiffFile, values: Vec<f32>, south: Option<f64>) -> Result<Raster> {
+    reject_feet(path, file)?;
+    let crs = crs(file);
+    let cells = cells(path, file)?;
+    if crs.is_geographic {
+        return utm::to_utm(path, &cells, &values, &crs);
+    }
+    let frame = squares(path, &cells, south)?;
+    Ok(Raster { grid: Grid { frame, values }, crs })
+}
+
+/// The rectangle that the cells tile, in the units of the file's map.
+fn cells(path: &Path, file: &GeoTiffFile) -> Result<Cells> {
     let (width, height) = (file.width() as usize, file.height() as usize);
     if width == 0 || height == 0 || width.saturating_mul(height) > MAX_CELLS {
         let message = format!("the raster has {width} x {height} cells");
@@ -172,20 +181,26 @@ fn frame(path: &Path, file: &GeoTiffFile, exact_south: Option<f64>) -> Result<Fr
         let hint = "warp it north-up with `gdalwarp`";
         return Err(Error::unsupported(path, "a rotated or flipped raster", hint));
     }
+    let (west, north) = (transform.origin_x, transform.origin_y);
+    let far = [west + width as f64 * across, north - height as f64 * down];
+    if [across, down, west, north, far[0], far[1]].iter().any(|number| !number.is_finite()) {
+        return Err(Error::invalid(path, "its place on the map is not finite", ""));
+    }
+    Ok(Cells { width, height, west, north, across, down })
+}
+
+/// Cells that must be squares. `exact_south` undoes the rounding of north = south + height · cell.
+fn squares(path: &Path, cells: &Cells, exact_south: Option<f64>) -> Result<Frame> {
+    let Cells { width, height, west, north, across, down } = *cells;
     if (across - down).abs() > SQUARE_TOLERANCE * across {
         let message = format!("the cells measure {across} x {down}");
         let hint = "cells must be squares in metres: `gdalwarp -t_srs EPSG:UTM_ZONE -tr 1 1`";
         return Err(Error::invalid(path, message, hint));
     }
-    let rounded = transform.origin_y - height as f64 * across;
+    let rounded = north - height as f64 * across;
     let near = |south: &f64| (south - rounded).abs() <= 1e-6 * across;
     let south = exact_south.filter(near).unwrap_or(rounded);
-    let frame = Frame { width, height, cell: across, west: transform.origin_x, south };
-    let numbers = [frame.cell, frame.west, frame.south, frame.east(), frame.north()];
-    if numbers.iter().any(|number| !number.is_finite()) {
-        return Err(Error::invalid(path, "its place on the map is not finite", ""));
-    }
-    Ok(frame)
+    Ok(Frame { width, height, cell: across, west, south })
 }
 
 fn crs(file: &GeoTiffFile) -> Crs {

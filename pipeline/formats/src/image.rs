@@ -2,14 +2,14 @@
 
 use crate::bytes::ending;
 use crate::error::{Error, Result};
-use crate::{ascii_grid, geotiff, picture, png};
+use crate::{ascii_grid, geotiff, hgt, npy, picture, png};
 use std::path::Path;
 use weald_contract::{Image, Raster};
 
-/// Reads numbers with a place on the map: a GeoTIFF or an ESRI ASCII grid.
+/// Reads numbers with a place on the map: a GeoTIFF, an ESRI ASCII grid or a tile of SRTM.
 ///
 /// "No data" becomes NaN; cells that are points are moved by half a cell, so that a value always
-/// belongs to its cell's centre.
+/// belongs to its cell's centre. Longitude and latitude are brought to metres in a UTM zone.
 ///
 /// # Errors
 /// When the file is missing, damaged, of another kind, or has cells that are not square.
@@ -17,14 +17,22 @@ pub fn read_raster(path: &Path) -> Result<Raster> {
     match ending(path).as_str() {
         "tif" | "tiff" => geotiff::read_raster(path),
         "asc" => ascii_grid::read_raster(path),
+        "hgt" => hgt::read_raster(path),
+        "png" | "exr" | "npy" => {
+            let message = "this image has no place on the map";
+            let hint = "a scene gives it one: `source_cell` and `source_heights` in `[terrain]`";
+            Err(Error::invalid(path, message, hint))
+        }
         other => {
             let message = format!("an elevation model that ends in `.{other}`");
-            Err(Error::unsupported(path, message, "a GeoTIFF (.tif) or ESRI ASCII (.asc) is"))
+            let hint = "GeoTIFF (.tif), ESRI ASCII (.asc) and SRTM (.hgt) are";
+            Err(Error::unsupported(path, message, hint))
         }
     }
 }
 
-/// Reads one band of densities or parameters: PNG of 8 or 16 bits, GeoTIFF, OpenEXR, ESRI ASCII.
+/// Reads one band of densities or parameters: PNG of 8 or 16 bits, GeoTIFF, OpenEXR, ESRI ASCII,
+/// NumPy.
 ///
 /// Integers become code / maximum without gamma; floats are kept.
 ///
@@ -35,6 +43,7 @@ pub fn read_image(path: &Path) -> Result<Image> {
         "png" => png::read_image(path),
         "tif" | "tiff" => geotiff::read_image(path),
         "exr" => picture::read_image(path),
+        "npy" => npy::read_image(path),
         "asc" => {
             let Raster { grid, .. } = ascii_grid::read_raster(path)?;
             let (width, height) = (grid.frame.width, grid.frame.height);
@@ -43,7 +52,7 @@ pub fn read_image(path: &Path) -> Result<Image> {
         }
         other => {
             let message = format!("an image that ends in `.{other}`");
-            Err(Error::unsupported(path, message, "png, tif, exr and asc are"))
+            Err(Error::unsupported(path, message, "png, tif, exr, asc and npy are"))
         }
     }
 }

@@ -35,6 +35,14 @@ pub fn write_terrain(folder: &Path, terrain: &Layers, provenance: &Provenance) -
     for (index, patch) in terrain.detail.iter().enumerate() {
         write_terrain(&folder.join(format!("detail-{index}")), patch, provenance)?;
     }
+    write_layers(folder, terrain, provenance)
+}
+
+/// Writes layers as GeoTIFFs, and nothing else: without `altitude`, the folder is no terrain.
+///
+/// # Errors
+/// When the disk refuses.
+pub fn write_layers(folder: &Path, terrain: &Layers, provenance: &Provenance) -> Result<()> {
     let write = |(name, layer): (&String, &Layer)| {
         let band = BandRef {
             name,

@@ -63,6 +63,13 @@ const PNG: &[Reader] = &[
     |path| weald_formats::read_image(path).map(drop),
     |path| weald_formats::provenance(path).map(drop),
 ];
+const HEIGHTS: &[Reader] = &[
+    |path| weald_formats::read_image(path).map(drop),
+    |path| {
+        let scale = weald_formats::HeightScale { cell: Some(1.0), heights: None };
+        weald_formats::read_elevation(path, &scale).map(drop)
+    },
+];
 const GLB: &[Reader] = &[
     |path| weald_formats::read_plant(path).map(drop),
     |path| weald_formats::provenance(path).map(drop),
@@ -85,6 +92,9 @@ fn specimens() -> Vec<Specimen> {
         written("p.exr", |path| weald_formats::write_picture(path, &picture, &provenance()));
     let png =
         written("p.png", |path| weald_formats::write_png(path, 8, 8, &[7; 192], &provenance()));
+    let header: &[u8] = b"{'descr': '<f4', 'fortran_order': True, 'shape': (4, 5), }\n";
+    let length = [header.len() as u8, 0];
+    let array = [&b"\x93NUMPY\x01\x00"[..], &length, header, &[7; 80]].concat();
     let specimen = |ending, bytes, readers| Specimen { ending, bytes, readers };
     vec![
         specimen("tif", data("point_i16_lzw.tif"), TIFF),
@@ -92,6 +102,7 @@ fn specimens() -> Vec<Specimen> {
         specimen("exr", picture, EXR),
         specimen("exr", data("luminance.exr"), EXR),
         specimen("png", png, PNG),
+        specimen("npy", array, HEIGHTS),
         specimen("glb", b"glTF\x02\0\0\0".to_vec(), GLB),
         specimen("parquet", table, PARQUET),
         specimen("parquet", population, PARQUET),

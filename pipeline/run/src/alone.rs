@@ -22,6 +22,15 @@ pub fn terrain(scene: &Scene, folder: &Path, progress: &dyn Progress) -> Result<
     make::terrain(scene, folder, &story, progress)
 }
 
+/// `weald terrain SCENE --layers NAMES -o FOLDER`: the names are those of `[terrain] layers`.
+///
+/// # Errors
+/// See [`make::named_layers`].
+pub fn named_layers(scene: &Scene, folder: &Path, progress: &dyn Progress) -> Result<Made> {
+    let story = scene_story(scene, Stage::Terrain, false)?;
+    make::named_layers(scene, folder, &story, progress)
+}
+
 /// `weald ecosim SCENE --terrain FOLDER -o POPULATION`.
 ///
 /// # Errors

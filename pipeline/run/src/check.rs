@@ -106,7 +106,8 @@ fn refuse_unreadable(scene: &Scene) -> Result<()> {
 /// Terrain cells, patches included, and the terrain's area in m².
 fn cells(scene: &Scene) -> Result<(u64, f64)> {
     let Some(source) = scene.terrain_inputs.first() else { return Ok((0, 0.0)) };
-    let frame = weald_formats::read_raster(&source.path)
+    let frame = scene
+        .read_elevation(&source.path)
         .map_err(|error| {
             Error::wrong(&scene.sources, Problem::at(source.input.path.span, error.to_string()))
         })?

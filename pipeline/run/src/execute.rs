@@ -74,6 +74,7 @@ impl Layout {
 /// # Errors
 /// The first failure; stages that were finished before it stay finished.
 pub fn execute(scene: &Scene, plan: &Plan, listener: &dyn Listener) -> Result<Vec<Done>> {
+    scene.wanted_view()?;
     if plan.out.exists() && !plan.out.is_dir() {
         let message = format!("{} is a file", plan.out.display());
         return Err(Error::plain(

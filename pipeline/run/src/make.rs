@@ -14,7 +14,7 @@ pub use ecosim::{EcosimPaths, ecosim};
 pub use plants::{Growing, grow_one, plant_file, plants};
 pub use quantize::{Quantizing, quantize};
 pub use render::{RenderPaths, render, species_names};
-pub use terrain::terrain;
+pub use terrain::{named_layers, terrain};
 
 use crate::error::{Error, Result};
 use crate::parameters::parameters;

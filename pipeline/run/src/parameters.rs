@@ -147,7 +147,7 @@ pub fn parameters(scene: &Scene, stage: Stage, is_draft: bool) -> Json {
         Stage::Plants => json!({ "species": forms(&scene.species) }),
         Stage::Render => json!({
             "render": canonical(&render_config(scene, is_draft)),
-            "view": canonical(&scene.rendered_view()),
+            "view": canonical(&scene.wanted_view().ok()),
             "sky": canonical(&scene.sky),
             "object": canonical(&scene.tables.object),
         }),

@@ -11,7 +11,10 @@ use crate::error::{Error, Result};
 use crate::parameters::{ecosim_species, quantize_species};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use weald_contract::{FromToml, Input, Problems, Sources, Species, Value, View, Written, table};
+use weald_contract::{
+    FromToml, Input, Problems, Raster, Sources, Species, Value, View, Written, table,
+};
+use weald_formats::HeightScale;
 
 table! {
     /// A scene: ground, plants, views and light.
@@ -120,6 +123,15 @@ pub struct Changes {
 }
 
 impl Scene {
+    /// Reads the elevation model with what `[terrain]` says about images of heights.
+    ///
+    /// # Errors
+    /// See [`weald_formats::read_elevation`].
+    pub fn read_elevation(&self, path: &Path) -> weald_formats::Result<Raster> {
+        let (cell, heights) = (self.terrain.source_cell, self.terrain.source_heights);
+        weald_formats::read_elevation(path, &HeightScale { cell, heights })
+    }
+
     /// Reads `scene.toml`, given itself or by its folder.
     ///
     /// # Errors
@@ -136,8 +148,12 @@ impl Scene {
     }
 
     /// The view that `[render]` uses.
-    pub fn rendered_view(&self) -> Option<&View> {
-        self.view(&self.render.view.value)
+    ///
+    /// # Errors
+    /// The scene has none, or none of that name.
+    pub fn wanted_view(&self) -> Result<&View> {
+        let found = self.render.find_view(&self.tables.view);
+        found.map_err(|problem| Error::wrong(&self.sources, problem))
     }
 
     /// The view with this name.

@@ -56,9 +56,7 @@ pub fn render(
     provenance.inputs.push(Parent { provenance: None, ..parent(&paths.instances)? });
     provenance.inputs.push(plants_parent(&paths.plants, &palette)?);
 
-    let view = scene.rendered_view().ok_or_else(|| {
-        Error::plain(format!("unknown view `{}`", scene.render.view.value), "add a `[[view]]`")
-    })?;
+    let view = scene.wanted_view()?;
     let config = render_config(scene, is_draft);
     let prototypes = HeldPrototypes::read(&paths.plants, &palette, &instances)?;
     let objects = objects(scene, &terrain)?;

@@ -21,28 +21,55 @@ pub fn terrain(
     provenance: &Provenance,
     progress: &dyn Progress,
 ) -> Result<Made> {
+    let layers = layers(scene, progress)?;
+    make_folder(folder)?;
+    weald_formats::write_terrain(folder, &layers, provenance)?;
+    made(folder, &layers, &layers, provenance)
+}
+
+/// Just those layers that `[terrain] layers` names: a folder of them is no terrain.
+///
+/// # Errors
+/// See [`terrain`].
+pub fn named_layers(
+    scene: &Scene,
+    folder: &Path,
+    provenance: &Provenance,
+    progress: &dyn Progress,
+) -> Result<Made> {
+    let whole = layers(scene, progress)?;
+    let mut named = Layers { detail: Vec::new(), ..whole.clone() };
+    let names = scene.terrain.named_layers();
+    named.layers.retain(|name, _| names.contains(name.as_str()));
+    make_folder(folder)?;
+    weald_formats::write_layers(folder, &named, provenance)?;
+    made(folder, &named, &whole, provenance)
+}
+
+/// The files that were written, with a report and a picture of the whole terrain.
+fn made(folder: &Path, written: &Layers, whole: &Layers, provenance: &Provenance) -> Result<Made> {
+    let mut made = Made {
+        files: terrain_files(folder, written),
+        report: terrain_report(whole),
+        ..Made::default()
+    };
+    made.preview(&folder.with_extension("png"), &preview::draw_relief(whole), provenance)?;
+    Ok(made)
+}
+
+/// The layers of a scene's terrain.
+fn layers(scene: &Scene, progress: &dyn Progress) -> Result<Layers> {
     let stage = Stage::Terrain;
     let source = scene.terrain_inputs.iter().find(|input| input.input.kind == InputKind::Elevation);
     let Some(source) = source else {
         return Err(Error::plain("the scene names no elevation model", "set `terrain.source`"));
     };
-    let elevation =
-        weald_formats::read_raster(&source.path).map_err(at_field(scene, &source.input))?;
+    let elevation = scene.read_elevation(&source.path).map_err(at_field(scene, &source.input))?;
     let images = images(scene, &scene.terrain_inputs)?;
     let views = places_named(scene, &scene.terrain);
     let seed = stage_seed(scene, stage);
-    let layers = weald_terrain::build(&scene.terrain, &elevation, &images, &views, seed, progress)
-        .map_err(stage_error!(&scene.sources, stage, weald_terrain))?;
-
-    make_folder(folder)?;
-    weald_formats::write_terrain(folder, &layers, provenance)?;
-    let mut made = Made {
-        files: terrain_files(folder, &layers),
-        report: terrain_report(&layers),
-        ..Made::default()
-    };
-    made.preview(&folder.with_extension("png"), &preview::draw_relief(&layers), provenance)?;
-    Ok(made)
+    weald_terrain::build(&scene.terrain, &elevation, &images, &views, seed, progress)
+        .map_err(stage_error!(&scene.sources, stage, weald_terrain))
 }
 
 /// The files of a terrain's folder.

@@ -104,14 +104,16 @@ fn check(path: &Path, degrees: &Cells) -> Result<()> {
     let south = degrees.north - degrees.height as f64 * degrees.down;
     let span = degrees.width as f64 * degrees.across;
     let is_on_earth = longitude.abs() <= 540.0 && degrees.north <= 90.0 && south >= -90.0;
-    if !is_on_earth || !(degrees.across > 0.0 && degrees.down > 0.0) {
+    let has_size = degrees.across > 0.0 && degrees.down > 0.0;
+    if !is_on_earth || !has_size {
         let message = format!(
             "cells of {} x {} degrees around {longitude}, {latitude} lie on no globe",
             degrees.across, degrees.down
         );
         return Err(Error::invalid(path, message, "longitudes and latitudes must be degrees"));
     }
-    if !(LATITUDES.contains(&degrees.north) && LATITUDES.contains(&south)) {
+    let has_zone = LATITUDES.contains(&degrees.north) && LATITUDES.contains(&south);
+    if !has_zone {
         let message = format!("the raster reaches from {south} to {} degrees north", degrees.north);
         let hint = "UTM zones end at -80 and 84: `gdalwarp -t_srs EPSG:3413` or EPSG:3031";
         return Err(Error::unsupported(path, message, hint));
@@ -203,7 +205,8 @@ impl Zone {
         let (south, north) = (most(y(edge(sw, se)?)), least(y(edge(nw, ne)?)));
         let cell = self.cell(path, degrees)?;
         let (columns, rows) = (((east - west) / cell).floor(), ((north - south) / cell).floor());
-        if !(columns >= 1.0 && rows >= 1.0 && columns * rows <= MAX_CELLS as f64) {
+        let is_held = columns >= 1.0 && rows >= 1.0 && columns * rows <= MAX_CELLS as f64;
+        if !is_held {
             let message = format!("in UTM the raster has {columns} x {rows} cells of {cell} m");
             return Err(Error::invalid(path, message, format!("1 to {MAX_CELLS} are read")));
         }

@@ -85,8 +85,11 @@ fn shape(header: &str) -> Option<[usize; 2]> {
     }
 }
 
+/// Makes a number of its bytes.
+type Number = fn(&[u8]) -> f32;
+
 /// Bytes of a number and how to read it, by NumPy's name of the type.
-fn reader(kind: &str) -> Option<(usize, fn(&[u8]) -> f32)> {
+fn reader(kind: &str) -> Option<(usize, Number)> {
     macro_rules! number {
         ($ty:ty, $from:ident) => {
             (size_of::<$ty>(), |bytes| {

@@ -44,6 +44,8 @@ choice! {
         "simulate" => Simulate(Simulate),
         /// Places single plants.
         "place" => Place(Place),
+        /// Makes a density layer of sample plots.
+        "plots" => Plots(Plots),
         /// Evens out the distances between plants.
         "relax" => Relax(RelaxStep),
         /// Takes some of the plants, evenly over the ground.
@@ -283,6 +285,18 @@ table! {
 }
 
 table! {
+    /// Makes a layer of plants per m² from counts on sample plots, for the formulas of later steps.
+    pub struct Plots {
+        /// Path of a table of sample plots: x, y, species, count, and area (m²), radius or width (m).
+        plots: Written<String>;
+        /// The species whose counts are meant.
+        species: Written<String>;
+        /// Name of the layer.
+        layer: Written<String>;
+    }
+}
+
+table! {
     /// Evens out the distances between plants by Lloyd's relaxation.
     pub struct RelaxStep {
         /// The species, all together; none named means all.
@@ -406,6 +420,12 @@ impl Config {
                     (&place.plants, "plants", InputKind::Plants),
                     (&place.dots, "dots", InputKind::Image),
                 ],
+                Step::Plots(plots) => {
+                    let (field, path) =
+                        (format!("ecosim.step[{index}].plots"), plots.plots.clone());
+                    inputs.push(Input { field, path, kind: InputKind::Plants });
+                    continue;
+                }
                 Step::Simulate(_) | Step::Relax(_) | Step::Thin(_) | Step::Clear(_) => continue,
             };
             for (path, word, kind) in files {
@@ -461,6 +481,11 @@ impl Config {
             }
             layers.push(stem);
         }
+        for step in self.enabled() {
+            let Step::Plots(Plots { layer, .. }) = step else { continue };
+            problems.extend(wrong_name(layer, &layers));
+            layers.push(&layer.value);
+        }
         let layers = &layers;
         for rule in &self.spacing {
             for name in rule.species.iter().chain(&rule.from) {
@@ -489,6 +514,7 @@ impl Step {
                 std::iter::once(&halftone.species).chain(others).chain(&halftone.around).collect()
             }
             Self::Simulate(simulate) => simulate.species.iter().collect(),
+            Self::Plots(plots) => vec![&plots.species],
             Self::Place(place) => {
                 place.species.iter().chain(place.names.iter().map(|name| &name.species)).collect()
             }
@@ -511,6 +537,7 @@ impl Step {
             }
             Self::Relax(relax) => relax.formula.iter().collect(),
             Self::Thin(thin) => thin.keep.iter().collect(),
+            Self::Plots(_) => Vec::new(),
             Self::Clear(clear) => clear.formula.iter().collect(),
         }
     }
@@ -525,7 +552,7 @@ impl Step {
             Self::Halftone(halftone) => halftone.check(species, problems),
             Self::Simulate(simulate) => simulate.check(species, layers, problems),
             Self::Place(place) => place.check(problems),
-            Self::Relax(_) | Self::Thin(_) | Self::Clear(_) => {}
+            Self::Plots(_) | Self::Relax(_) | Self::Thin(_) | Self::Clear(_) => {}
         }
     }
 }
@@ -601,6 +628,21 @@ impl Place {
             problems.push(problem.hint("add `at = [[x, y], …]` or `dots`, an image"));
         }
     }
+}
+
+/// Says why a layer cannot have its name, if it cannot.
+fn wrong_name(layer: &Written<String>, others: &[&str]) -> Option<Problem> {
+    let is_letter = |c: char| c.is_ascii_lowercase() || c == '_';
+    let is_word = layer.value.starts_with(is_letter)
+        && layer.value.chars().all(|c| is_letter(c) || c.is_ascii_digit());
+    if !is_word {
+        let problem = Problem::at(layer.span, format!("`{}` is no name of a layer", layer.value));
+        return Some(problem.hint("lower-case letters, digits and `_` make one: `oak_density`"));
+    }
+    others.contains(&layer.value.as_str()).then(|| {
+        let message = format!("formulas know another layer or image as `{}`", layer.value);
+        Problem::at(layer.span, message).hint("give this one another name")
+    })
 }
 
 /// Returns a file's name without folders and ending: its name in formulas.

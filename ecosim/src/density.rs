@@ -107,9 +107,7 @@ impl<'a> Density<'a> {
         let plots = match &halftone.plots {
             None => None,
             Some(path) => {
-                let table = site.around.plants.get(&path.value).ok_or_else(|| {
-                    Problem::at(path.span, format!("the table `{}` was not read", path.value))
-                })?;
+                let table = plots::table_of(path, site)?;
                 Some(plots::density(path, table, species, stand, site.around.terrain)?)
             }
         };

@@ -48,7 +48,7 @@ impl<'a> Field<'a> {
 enum Origin<'a> {
     Layer(Field<'a>),
     Image(ImageField<'a>),
-    Shadow(Grid),
+    Grid(Grid),
     X,
     Y,
 }
@@ -71,13 +71,15 @@ impl<'a> BoundFormula<'a> {
         let reads = formula.value.variables().iter().zip(formula.value.spans());
         let origin = |(variable, range): (&Variable, &std::ops::Range<usize>)| match variable {
             Variable::Layer(name) => {
-                let image = stand.images.get(name.as_str()).copied().map(Origin::Image);
-                Field::layer(terrain, name).map(Origin::Layer).or(image).ok_or_else(|| {
+                let image = || stand.images.get(name.as_str()).copied().map(Origin::Image);
+                let made = || stand.layers.get(name.as_str()).cloned().map(Origin::Grid);
+                let layer = Field::layer(terrain, name).map(Origin::Layer);
+                layer.or_else(image).or_else(made).ok_or_else(|| {
                     let span = formula.span.narrow(range.start + 1..range.end + 1);
                     Problem::at(span, format!("the terrain has no layer `{name}`"))
                 })
             }
-            Variable::CrownShadow(name) => Ok(Origin::Shadow(crown_shadow(terrain, stand, name))),
+            Variable::CrownShadow(name) => Ok(Origin::Grid(crown_shadow(terrain, stand, name))),
             Variable::X => Ok(Origin::X),
             Variable::Y => Ok(Origin::Y),
         };
@@ -134,7 +136,7 @@ impl<'a> BoundFormula<'a> {
         let value = |&[x, y]: &[f64; 2]| match origin {
             Origin::Layer(field) => field.at(x, y),
             Origin::Image(image) => image.nearest(x, y),
-            Origin::Shadow(grid) => grid.sample(x, y),
+            Origin::Grid(grid) => grid.sample(x, y),
             Origin::X => (x - self.corner[0]) as f32,
             Origin::Y => (y - self.corner[1]) as f32,
         };

@@ -46,7 +46,7 @@ pub use clump::Clump;
 pub use competition::{Circle, Plain, dominators};
 pub use config::{
     Arrange, Attribute, Clear, Config, Edge, Effect, Favour, Halftone, Method, Naming, Neighbour,
-    Order, Place, RelaxStep, Rim, Simulate, Spacing, Step, StepCommon, Thin, Weight,
+    Order, Place, Plots, RelaxStep, Rim, Simulate, Spacing, Step, StepCommon, Thin, Weight,
 };
 pub use curve::{Part, systematic};
 pub use dither::dither;
@@ -58,7 +58,7 @@ pub use species::Ecology;
 pub use steps::grow;
 
 use std::collections::BTreeMap;
-use weald_contract::{Image, Layers, Population, Problem, Species, View};
+use weald_contract::{Grid, Image, Layers, Population, Problem, Species, View};
 
 /// Version of what this crate computes; it changes whenever equal inputs give other plants.
 pub const OUTPUT_VERSION: u32 = 3;
@@ -102,6 +102,8 @@ pub struct Outcome {
     pub unplaced: Vec<Unplaced>,
     /// How well sample plots predict each other, a row for each table and species.
     pub plot_fits: Vec<PlotFit>,
+    /// Layers that `plots` steps made, plants per m², by name.
+    pub layers: BTreeMap<String, Grid>,
 }
 
 /// Plants of a halftone for which no place was found.

@@ -1,7 +1,9 @@
 //! Sample plots: counts on small areas become a density for the whole ground.
 
 use crate::PlotFit;
+use crate::config::Plots;
 use crate::stand::Stand;
+use crate::steps::Site;
 use crate::{Error, align, density};
 use rayon::prelude::*;
 use weald_contract::{Grid, Layers, Population, Problem, Written};
@@ -20,6 +22,32 @@ struct Plot {
     at: [f64; 2],
     area: f64,
     count: f64,
+}
+
+/// Adds the layer that the step names.
+pub(crate) fn run<'a>(
+    step: &'a Plots,
+    site: &Site<'a>,
+    stand: &mut Stand<'a>,
+) -> Result<(), Error> {
+    site.progress.begin("plots", 1, "layers");
+    let species = stand.species_of(&step.species)?;
+    let table = table_of(&step.plots, site)?;
+    let layer = density(&step.plots, table, species, stand, site.around.terrain)?;
+    stand.layers.insert(&step.layer.value, layer);
+    site.progress.advance(1);
+    Ok(())
+}
+
+/// Returns the table of plots that a path names.
+pub(crate) fn table_of<'a>(
+    path: &Written<String>,
+    site: &Site<'a>,
+) -> Result<&'a Population, Problem> {
+    site.around
+        .plants
+        .get(&path.value)
+        .ok_or_else(|| Problem::at(path.span, format!("the table `{}` was not read", path.value)))
 }
 
 /// Returns the density of a species between the plots of a table, plants per m².

@@ -9,7 +9,7 @@ use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use weald_contract::{
-    GroupRecipe, Plant, Population, Problem, Size, Species, State, Written, source,
+    Grid, GroupRecipe, Plant, Population, Problem, Size, Species, State, Written, source,
 };
 
 /// What steps need to know of a species.
@@ -52,6 +52,8 @@ pub(crate) struct Stand<'a> {
     pub(crate) plot_fits: Vec<PlotFit>,
     /// Images that formulas may read, by name.
     pub(crate) images: BTreeMap<&'a str, ImageField<'a>>,
+    /// Layers that steps made for the formulas of later ones, by name.
+    pub(crate) layers: BTreeMap<&'a str, Grid>,
     /// Distances that plants keep.
     pub(crate) spacing: &'a [Spacing],
     known: &'a BTreeMap<String, (Species, Ecology)>,
@@ -80,6 +82,7 @@ impl<'a> Stand<'a> {
             unplaced: Vec::new(),
             plot_fits: Vec::new(),
             images: BTreeMap::new(),
+            layers: BTreeMap::new(),
             spacing: &[],
             known,
             most,
@@ -180,8 +183,9 @@ impl<'a> Stand<'a> {
 
     /// Returns what the steps made.
     pub(crate) fn finish(self) -> Outcome {
-        let Self { population, summary, deaths, unplaced, plot_fits, .. } = self;
-        Outcome { population, summary, deaths, unplaced, plot_fits }
+        let Self { population, summary, deaths, unplaced, plot_fits, layers, .. } = self;
+        let layers = layers.into_iter().map(|(name, grid)| (name.to_string(), grid)).collect();
+        Outcome { population, summary, deaths, unplaced, plot_fits, layers }
     }
 }
 

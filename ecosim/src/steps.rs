@@ -5,7 +5,7 @@ use crate::field::ImageField;
 use crate::ground::Ground;
 use crate::ids::{IdSource, Tags};
 use crate::stand::Stand;
-use crate::{Error, Outcome, Surroundings, clear, halftone, place, relax, simulate, thin};
+use crate::{Error, Outcome, Surroundings, clear, halftone, place, plots, relax, simulate, thin};
 use weald_contract::{Image, Population, Problem, Progress, Seed, Written};
 
 /// What every step reads.
@@ -86,6 +86,7 @@ fn run<'a>(step: &'a Step, site: &Site<'a>, stand: &mut Stand<'a>) -> Result<(),
         Step::Halftone(halftone) => halftone::run(halftone, site, stand),
         Step::Simulate(simulate) => simulate::run(simulate, site, stand),
         Step::Place(place) => place::run(place, site, stand),
+        Step::Plots(plots) => plots::run(plots, site, stand),
         Step::Relax(relax) => relax::run(relax, site, stand),
         Step::Thin(thin) => thin::run(thin, site, stand),
         Step::Clear(clear) => clear::run(clear, site, stand),

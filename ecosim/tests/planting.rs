@@ -598,6 +598,18 @@ fn sample_plots_become_a_density() {
     assert!(fit.error > 0.1 && fit.error < 1.0, "{fit:?}");
     let west = world.places(&outcome.population).iter().filter(|p| p[0] < 30.0).count() as f64;
     let all = outcome.population.len() as f64;
+    // The same as a layer of its own, halved by a formula.
+    let steps = "[[step]]\nkind = \"plots\"\nplots = \"plots.csv\"\nspecies = \"herb\"\n\
+                 layer = \"found\"\n[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\n\
+                 formula = \"found / 2\"";
+    let by_layer = world.grow(steps).unwrap();
+    assert_eq!(by_layer.plot_fits, [fit]);
+    assert!(by_layer.population.len().abs_diff(outcome.population.len() / 2) < 20);
+    assert!(by_layer.layers.contains_key("found"));
+    let (message, _) = world.mistake(&steps.replace("\"found\"", "\"water depth\""));
+    assert!(message.contains("no name of a layer"), "{message}");
+    let (message, _) = world.mistake(&steps.replace("\"found\"", "\"water_depth\""));
+    assert!(message.contains("another layer or image"), "{message}");
     // 3 and 1 plants per m² on 1,800 m² each.
     assert!((all - 7200.0).abs() < 360.0 && (west / all - 0.75).abs() < 0.06, "{west} of {all}");
 }

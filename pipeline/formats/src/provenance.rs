@@ -67,6 +67,8 @@ pub fn provenance(path: &Path) -> Result<Option<Provenance>> {
         "glb" => crate::plant::provenance(path),
         "exr" => crate::picture::provenance(path),
         "png" => crate::png::provenance(path),
+        // Maps of other programs, which tell no story of ours.
+        "geojson" | "gpkg" => Ok(None),
         other => {
             let hint = "known endings: tif, parquet, csv, toml, glb, exr, png";
             Err(Error::unsupported(path, format!("a file that ends in `.{other}`"), hint))

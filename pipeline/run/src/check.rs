@@ -8,6 +8,7 @@ use crate::parameters::render_config;
 use crate::scene::{Scene, SceneInput};
 use serde::Serialize;
 use std::fmt;
+use std::path::Path;
 use weald_contract::table::Tagged;
 use weald_contract::{InputKind, Problem, Problems};
 
@@ -141,9 +142,19 @@ fn step_plants(scene: &Scene, step: &weald_ecosim::Step, area: f64) -> f64 {
         weald_ecosim::Step::Simulate(simulate) => {
             simulate.initial as f64 * simulate.species.len() as f64
         }
-        weald_ecosim::Step::Place(place) => place.at.len() as f64,
+        weald_ecosim::Step::Place(place) => {
+            let table = place.plants.as_ref().and_then(|path| table_at(scene, &path.value));
+            let rows = table.and_then(|path| weald_formats::read_population(path).ok());
+            (place.at.len() + rows.map_or(0, |table| table.len())) as f64
+        }
         _ => 0.0,
     }
+}
+
+/// The file of a table that a step names.
+fn table_at<'a>(scene: &'a Scene, written: &str) -> Option<&'a Path> {
+    let named = |input: &&SceneInput| input.input.path.value == written;
+    scene.ecosim_inputs.iter().find(named).map(|input| input.path.as_path())
 }
 
 /// Models that the palette may hold.

@@ -77,7 +77,7 @@ pub fn kind(path: &Path) -> Result<FileKind> {
     let ending = path.extension().map(|e| e.to_string_lossy().to_ascii_lowercase());
     match ending.as_deref() {
         Some("tif" | "tiff" | "asc") => Ok(FileKind::Raster),
-        Some("parquet" | "csv") => table_kind(path),
+        Some("parquet" | "csv" | "geojson" | "gpkg") => table_kind(path),
         Some("toml") => toml_kind(path),
         Some("glb") => Ok(FileKind::Plant),
         Some("exr") => Ok(FileKind::Picture),
@@ -85,7 +85,7 @@ pub fn kind(path: &Path) -> Result<FileKind> {
         Some("json") => Ok(FileKind::Report),
         _ => Err(Error::plain(
             format!("{} is no file of ours", path.display()),
-            "known endings: tif, asc, parquet, csv, toml, glb, exr, png, json",
+            "known endings: tif, asc, parquet, csv, geojson, gpkg, toml, glb, exr, png, json",
         )),
     }
 }

@@ -10,6 +10,7 @@ use serde_json::{Value as Json, json};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use weald_contract::{Crs, Image, InputKind, Population, Problem, Progress};
+use weald_formats::geotiff::BandRef;
 use weald_formats::{Column, Provenance, Table};
 
 /// Where ecosim's files go.
@@ -77,6 +78,19 @@ pub fn ecosim(
         made.files.clone().iter().filter(|path| path.extension().is_some_and(|e| e == "csv"))
     {
         made.wrote(&path.with_extension("csv.json"))?;
+    }
+    for (name, grid) in &outcome.layers {
+        let path = beside(&format!("{name}.tif"));
+        let band = BandRef {
+            name,
+            frame: grid.frame,
+            crs: &terrain.crs,
+            unit: "m-2",
+            definition: "plants between sample plots",
+            values: &grid.values,
+        };
+        weald_formats::geotiff::write_band(&path, band, &provenance)?;
+        made.wrote(&path)?;
     }
     let colors = species_colors(scene, &outcome.population);
     let dots = preview::draw_population(&outcome.population, Some(&terrain), &colors);

@@ -31,8 +31,9 @@ pub fn direction(azimuth: f32, declination: f32) -> Vec3 {
 /// scaling it up would give a direction that is not at right angles.
 pub fn across(v: Vec3, axis: Vec3) -> Option<Vec3> {
     let rest = v - axis * v.dot(axis);
-    let length = rest.length();
-    (length > 1e-3 * v.length() && length > f32::MIN_POSITIVE).then(|| rest / length)
+    let square = rest.length_squared();
+    // Squares below this have lost their digits.
+    (square > 1e-6 * v.length_squared() && square > 1e-36).then(|| rest * (1.0 / square.sqrt()))
 }
 
 /// A unit vector at right angles to unit vector `axis`.

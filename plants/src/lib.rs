@@ -6,25 +6,34 @@
 //! its species has fewer branches and leaves, chosen so that a plant holds nearly all parts of
 //! its younger self and small changes of age or vigor make small changes of shape.
 
+pub mod card;
+pub mod curve;
 pub mod detail;
 pub mod frame;
+pub mod fruit;
 pub mod grass;
 pub mod herb;
+pub mod look;
 pub mod lsystem;
 pub mod material;
 pub mod measure;
 pub mod mesh;
+pub mod model_file;
 pub mod organ;
 pub mod posture;
 pub mod presence;
 pub mod reed;
 pub mod season;
 pub mod skeleton;
+pub mod texture;
 pub mod weber_penn;
+pub mod wind;
 
 pub use grass::Grass;
 pub use herb::Herb;
+pub use look::{Conditions, Look};
 pub use lsystem::Lsystem;
+pub use model_file::ModelFile;
 pub use posture::Posture;
 pub use reed::Reed;
 pub use skeleton::Skeleton;
@@ -50,6 +59,8 @@ choice! {
         "lsystem" => Lsystem(Lsystem),
         /// Another form whose numbers follow age and vigor.
         "posture" => Posture(Posture),
+        /// Somebody's model, scaled.
+        "model" => Model(ModelFile),
     }
 }
 
@@ -123,6 +134,7 @@ impl Form {
             Self::Herb(form) => form.check(),
             Self::Lsystem(form) => form.check(),
             Self::Posture(form) => form.check(),
+            Self::Model(_) => Problems::new(),
         }
     }
 
@@ -135,6 +147,10 @@ impl Form {
             Self::Herb(form) => Ok(form.grow(stature, seed)),
             Self::Lsystem(form) => form.grow(stature, seed),
             Self::Posture(form) => form.grow(age, stature, seed),
+            Self::Model(form) => {
+                let what = "a model from a file has no skeleton";
+                Err(Problem::at(form.file.span, what).hint("it can be scaled, but not grown"))
+            }
         }
     }
 }

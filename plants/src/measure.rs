@@ -55,6 +55,22 @@ impl Finding {
     }
 }
 
+/// What kind of plants a plant is held against.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Kind {
+    /// Trees, by the diameter of their trunk.
+    Tree,
+    /// Herbs and low shrubs.
+    Herb,
+}
+
+/// Leaf area over the ground that a plant covers: grassland 0.3 to 5.0, shrubs 0.4 to 4.5, crops
+/// 0.2 to 8.7, wetlands 2.5 to 8.4 [Asner03] table 3; the whole range.
+const LEAF_AREA_INDEX: RangeInclusive<f64> = 0.2..=8.7;
+
+/// Heights of herbs and dwarf shrubs of temperate Europe, from seedlings to giant reeds, m.
+const HERB_HEIGHT: RangeInclusive<f64> = 0.005..=4.0;
+
 /// Trees by trunk diameter: diameters, m; heights, m; leaf areas, m². The 5 and 95 % points of
 /// the measured trees of each class [Falster15].
 const CLASSES: [([f64; 2], [f64; 2], [f64; 2]); 4] = [
@@ -94,6 +110,21 @@ impl Measures {
         };
         let counts = slope(|order| order.count as f64)?;
         Some([1.0 / counts, slope(|order| order.length)?, slope(|order| order.diameter)?])
+    }
+
+    /// The measures of a plant beside those of real ones of its kind.
+    pub fn beside(&self, kind: Kind, skeleton: &Skeleton) -> Vec<Finding> {
+        if kind == Kind::Tree {
+            return self.findings();
+        }
+        let height = f64::from(self.height);
+        // The ground under the outline of all that grows, seen from above.
+        let covered = std::f64::consts::PI * f64::from(skeleton.reach()).powi(2);
+        let index = f64::from(self.leaf_area) / covered.max(1e-9);
+        vec![
+            Finding { name: "height, m", value: height, band: HERB_HEIGHT },
+            Finding { name: "leaf area index", value: index, band: LEAF_AREA_INDEX },
+        ]
     }
 
     /// The measures of a tree beside those of real ones.

@@ -4,7 +4,7 @@
 //! not open at once. Days are those of the northern hemisphere; in the south add half a year.
 
 use crate::skeleton::Skeleton;
-use weald_contract::{Material, Seed, Surface, table};
+use weald_contract::{Material, Problem, Problems, Seed, Surface, table};
 
 table! {
     /// Days of the year on which a deciduous species changes.
@@ -29,6 +29,17 @@ table! {
 const AUTUMN_TRANSMITTANCE: f32 = 0.6;
 
 impl Calendar {
+    /// Reports days that are not in the order of a year.
+    pub fn check(&self) -> Problems {
+        let days = [self.budburst, self.full, self.turning, self.fall];
+        if days.is_sorted() {
+            return Vec::new();
+        }
+        let what = format!("the days of `season` are {days:?}");
+        let hint = "budburst, full, turning and fall come in this order";
+        vec![Problem::new(what).hint(hint)]
+    }
+
     /// Size of a leaf relative to its full size, 0 to 1; fallen ones have none.
     fn size(&self, day: f32) -> f32 {
         if day >= self.fall { 0.0 } else { part(self.budburst, self.full, day) }

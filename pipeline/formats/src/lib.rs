@@ -30,6 +30,8 @@ pub mod terrain;
 mod utm;
 pub mod whole;
 
+pub mod obj;
+
 mod image;
 mod instances;
 mod palette;
@@ -40,10 +42,11 @@ pub use elevation::{HeightScale, read_elevation};
 pub use error::{Error, Result};
 pub use image::{read_image, read_raster};
 pub use instances::{check_instances, read_instances, write_instances};
+pub use obj::read_obj;
 pub use palette::{parse_palette, read_palette, write_palette};
 pub use parquet_table::is_panic_contained;
 pub use picture::{read_picture, write_picture};
-pub use plant::{flatten, read_plant, write_plant};
+pub use plant::{flatten, read_model, read_plant, write_plant};
 pub use png::{Preview, read_png, write_gray_png, write_png};
 pub use population::{read_population, write_population};
 pub use provenance::{Parent, Provenance, hash_file, provenance};

@@ -5,7 +5,7 @@
 
 mod glb;
 mod read;
-mod texture;
+pub(crate) mod texture;
 mod write;
 
 use crate::bytes::{MAX_FILE_BYTES, read_bounded};
@@ -18,7 +18,7 @@ use std::path::Path;
 use weald_contract::{Mesh, Organ, Placement, PlantModel};
 
 /// Most vertices, triangles and placements of a model that is read: about a gigabyte.
-const MAX_ITEMS: usize = 1 << 25;
+pub(crate) const MAX_ITEMS: usize = 1 << 25;
 
 /// Vertices at which [`flatten`] begins another mesh, so that 32-bit indices reach all.
 const FLAT_VERTICES: usize = 1 << 30;
@@ -45,6 +45,17 @@ pub fn write_plant(path: &Path, model: &PlantModel, provenance: &Provenance) -> 
 /// When the file is damaged, larger than we read, or compressed by an extension.
 pub fn read_plant(path: &Path) -> Result<PlantModel> {
     parse_plant(path, &read_bounded(path, MAX_FILE_BYTES)?)
+}
+
+/// Reads a model of any kind that we know: `.glb`, or `.obj` with its materials beside it.
+///
+/// # Errors
+/// As [`read_plant`] and [`crate::read_obj`].
+pub fn read_model(path: &Path) -> Result<PlantModel> {
+    match path.extension().map(|extension| extension.to_ascii_lowercase()) {
+        Some(extension) if extension == "obj" => crate::read_obj(path),
+        _ => read_plant(path),
+    }
 }
 
 /// Reads a model from bytes; `path` is for messages and the model's name only.
@@ -118,7 +129,7 @@ fn y_up([x, y, z]: [f32; 3]) -> [f32; 3] {
 }
 
 /// Our vector of glTF's.
-fn z_up([x, y, z]: [f32; 3]) -> [f32; 3] {
+pub(crate) fn z_up([x, y, z]: [f32; 3]) -> [f32; 3] {
     [x, -z, y]
 }
 

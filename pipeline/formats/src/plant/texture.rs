@@ -30,7 +30,7 @@ pub(super) fn to_png(path: &Path, texture: &Texture) -> Result<Vec<u8>> {
 }
 
 /// A texture from the bytes of a picture of any format that we know.
-pub(super) fn from_bytes(path: &Path, name: String, bytes: &[u8]) -> Result<Texture> {
+pub(crate) fn from_bytes(path: &Path, name: String, bytes: &[u8]) -> Result<Texture> {
     let wrong = |error: &dyn std::fmt::Display| {
         Error::invalid(path, format!("the texture `{name}` cannot be read: {error}"), "use PNG")
     };

@@ -12,6 +12,10 @@ use weald_contract::{Branch, Material, Mesh, Organ, Paint, Placement, PlantModel
 const FLOAT: u32 = 5126;
 /// Component type of 32-bit indices.
 const UNSIGNED_INT: u32 = 5125;
+/// Component type of 16-bit indices.
+const UNSIGNED_SHORT: u32 = 5123;
+/// Component type of 16-bit numbers in [-1, 1].
+const SHORT: u32 = 5122;
 /// Target of a buffer view of vertices.
 const ARRAY_BUFFER: u32 = 34962;
 /// Target of a buffer view of indices.
@@ -180,7 +184,7 @@ impl Scene {
         };
         let rotations: Vec<[f32; 4]> = organ.placements.iter().map(turn).collect();
         let translation = self.vectors(&column(|place| y_up(place.position)), None, true);
-        let rotation = self.vectors(&rotations, None, false);
+        let rotation = self.rotations(&rotations);
         let scales = column(|place| [place.scale[0], place.scale[2], place.scale[1]]);
         let scale = self.vectors(&scales, None, false);
         let mut attributes =
@@ -238,11 +242,38 @@ impl Scene {
         self.accessors.len() - 1
     }
 
+    /// Adds rotations: as 16-bit numbers where those are the same, which the extension allows.
+    fn rotations(&mut self, rotations: &[[f32; 4]]) -> usize {
+        let short = |part: f32| -> Option<i16> {
+            let whole = (part * 32767.0).round();
+            // As they will be read.
+            let back = f32::from(whole as i16) / 32767.0;
+            (whole.abs() <= 32767.0 && back == part).then_some(whole as i16)
+        };
+        let shorts: Option<Vec<i16>> = rotations.as_flattened().iter().map(|p| short(*p)).collect();
+        let Some(shorts) = shorts else { return self.vectors(rotations, None, false) };
+        let view = self.view(shorts.iter().flat_map(|part| part.to_le_bytes()).collect(), None);
+        self.accessors.push(json!({
+            "bufferView": view, "componentType": SHORT, "normalized": true,
+            "count": rotations.len(), "type": "VEC4",
+        }));
+        self.accessors.len() - 1
+    }
+
+    /// Adds the indices of triangles: in 16 bits where that is enough.
     fn indices(&mut self, triangles: &[[u32; 3]]) -> usize {
-        let bytes = triangles.as_flattened().iter().flat_map(|index| index.to_le_bytes()).collect();
+        let indices = triangles.as_flattened();
+        // The largest 16-bit index restarts strips and is not allowed.
+        let is_short = indices.iter().all(|&index| index < u32::from(u16::MAX));
+        let (bytes, kind) = if is_short {
+            let short = |&index: &u32| (index as u16).to_le_bytes();
+            (indices.iter().flat_map(short).collect(), UNSIGNED_SHORT)
+        } else {
+            (indices.iter().flat_map(|index| index.to_le_bytes()).collect(), UNSIGNED_INT)
+        };
         let view = self.view(bytes, Some(ELEMENT_ARRAY_BUFFER));
         self.accessors.push(json!({
-            "bufferView": view, "componentType": UNSIGNED_INT,
+            "bufferView": view, "componentType": kind,
             "count": triangles.len() * 3, "type": "SCALAR",
         }));
         self.accessors.len() - 1

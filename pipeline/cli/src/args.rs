@@ -242,24 +242,70 @@ fn quantize_mode(word: &str) -> Result<weald_run::vectors::Mode, String> {
 #[command(after_long_help = "\
 Examples:
   weald plants aspen --age 20 --vigor 0.8 -o aspen.glb
-  weald plants species/oak.toml --age 90 -o oak.glb
-  weald plants palette.toml -o plants")]
+  weald plants species/oak.toml --age 90 --day 285 -o oak.glb     in autumn
+  weald plants oak --count 20 --vary age=10..80 -o oaks/oak.glb   twenty oaks
+  weald plants oak --same --count 8 --vary age=5..200 -o oak.png  one oak through its life
+  weald plants oak --schematic -o oak.png                         its branches, black on white
+  weald plants palette.toml -o plants
+  weald plants --check                                            all presets beside real plants")]
 pub struct Plants {
     /// A species file, the name of a species in the program, or a palette.
     #[arg(value_name = "SPECIES|PALETTE", value_hint = ValueHint::FilePath)]
-    pub from: String,
+    #[arg(required_unless_present = "check")]
+    pub from: Option<String>,
     /// Age of the plant, years.
     #[arg(long, default_value_t = 20.0, value_name = "YEARS")]
     pub age: f32,
     /// Vigor of the plant, 0 to 1.
     #[arg(long, default_value_t = 1.0, value_name = "NUMBER")]
     pub vigor: f32,
+    /// How many plants to grow, each by a chance of its own.
+    #[arg(long, default_value_t = 1, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    pub count: u32,
+    /// Spread the plants over a range: age=10..80, vigor=0.2..1 or day=90..330; may be repeated.
+    #[arg(long, value_name = "RANGE")]
+    pub vary: Vec<weald_run::specimen::Vary>,
+    /// Grow the same plant again and again instead of others of its kind (with `--vary`).
+    #[arg(long)]
+    pub same: bool,
+    /// Day of the year, 1 to 366: leaves unfold, turn and fall, fruits ripen.
+    #[arg(long, value_name = "DAY")]
+    pub day: Option<f32>,
+    /// Keep only the detail that is seen when a pixel covers this many metres; 0 keeps all.
+    #[arg(long, default_value_t = 0.0, value_name = "METRES")]
+    pub pixel: f32,
+    /// Leave bark and leaves without textures.
+    #[arg(long)]
+    pub plain: bool,
+    /// Let the model know how wind moves its branches.
+    #[arg(long)]
+    pub wind: bool,
+    /// Leaves as pictures on cards: fewer triangles, cut out by their coverage.
+    #[arg(long)]
+    pub leaf_cards: bool,
+    /// The thinnest branches with their leaves as pictures on cards.
+    #[arg(long)]
+    pub twig_cards: bool,
+    /// Draw the branches as black cones on white instead of a portrait.
+    #[arg(long)]
+    pub schematic: bool,
+    /// Light paths a pixel of the portrait; 0 draws it at once, without light and shadow.
+    #[arg(long, default_value_t = 16, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(0..=65_536))]
+    pub samples: u32,
+    /// Side of the portrait, pixels.
+    #[arg(long, default_value_t = 480, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(16..=8192))]
+    pub side: u32,
+    /// Measure the species, or all in the program, beside real plants; nothing is written.
+    #[arg(long, conflicts_with_all = ["output", "scene"])]
+    pub check: bool,
     /// Take species from this scene (with a palette).
     #[arg(long, value_name = "SCENE", value_hint = ValueHint::AnyPath)]
     pub scene: Option<PathBuf>,
-    /// The model (`.glb`), or a folder for those of a palette.
+    /// The model (`.glb`, a `.png` goes beside it), its picture alone (`.png`), or a folder for
+    /// the models of a palette.
     #[arg(long, short, value_name = "PATH", value_hint = ValueHint::AnyPath)]
-    pub output: PathBuf,
+    #[arg(required_unless_present = "check")]
+    pub output: Option<PathBuf>,
 }
 
 /// `weald render`.

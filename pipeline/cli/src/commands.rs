@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime};
 use weald_run::make::{EcosimPaths, Made, RenderPaths};
 use weald_run::{
     Changes, Error, Plan, Result, Scene, alone, analysis, bench, canvas, check, compare, execute,
-    export, info, preview, sweep, template, vectors,
+    export, info, preview, real, specimen, sweep, template, vectors,
 };
 
 /// Exit code of a comparison that found a difference.
@@ -44,6 +44,14 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Command::Quantize(arguments) if !arguments.sweep.is_empty() => sweep(arguments, global),
         Command::Quantize(quantize) => {
             one_stage(global, |shown| quantize_alone(quantize, global, shown))
+        }
+        Command::Plants(plants) if plants.check => {
+            let report = real::check(plants.from.as_deref(), global.seed.unwrap_or(0))?;
+            tell(&report, &report.to_string(), global);
+            Ok(match report.outside().next() {
+                None => ExitCode::SUCCESS,
+                Some(_) => ExitCode::from(DIFFERENT),
+            })
         }
         Command::Plants(plants) => one_stage(global, |shown| plants_alone(plants, global, shown)),
         Command::Render(render) => one_stage(global, |shown| render_alone(render, global, shown)),
@@ -290,16 +298,42 @@ fn quantize_table(arguments: &args::Quantize, global: &Global) -> Result<ExitCod
 
 fn plants_alone(arguments: &args::Plants, global: &Global, shown: &Shown) -> Result<Made> {
     let seed = global.seed.unwrap_or(0);
-    let from = Path::new(&arguments.from);
+    let (Some(from), Some(output)) = (&arguments.from, &arguments.output) else {
+        return Err(Error::plain("nothing to grow", "name a species or a palette, and an output"));
+    };
     if let Some(scene) = &arguments.scene {
         let scene = Scene::load(scene, &Changes { set: Vec::new(), seed: global.seed })?;
-        return alone::plants_in_scene(&scene, from, &arguments.output, shown);
+        return alone::plants_in_scene(&scene, Path::new(from), output, shown);
     }
-    if alone::is_palette(from) {
-        return alone::plants(from, &arguments.output, seed, shown);
+    let conditions = conditions_of(arguments);
+    if alone::is_palette(Path::new(from)) {
+        return alone::plants(Path::new(from), output, &conditions, seed, shown);
     }
-    let wanted = alone::Wanted { age: arguments.age, vigor: arguments.vigor, seed };
-    alone::plant(&arguments.from, wanted, &arguments.output)
+    let wanted = specimen::Wanted {
+        age: arguments.age,
+        vigor: arguments.vigor,
+        seed,
+        count: arguments.count,
+        vary: arguments.vary.clone(),
+        same: arguments.same,
+        conditions,
+        pixel: arguments.pixel,
+        schematic: arguments.schematic,
+        samples: arguments.samples,
+        side: arguments.side,
+    };
+    specimen::plants(from, &wanted, output, shown)
+}
+
+fn conditions_of(arguments: &args::Plants) -> specimen::Conditions {
+    specimen::Conditions {
+        day: arguments.day,
+        textures: !arguments.plain,
+        wind: arguments.wind,
+        leaf_cards: arguments.leaf_cards,
+        twig_cards: arguments.twig_cards,
+        ..Default::default()
+    }
 }
 
 fn render_alone(arguments: &args::Render, global: &Global, shown: &Shown) -> Result<Made> {

@@ -19,6 +19,10 @@ table! {
         ecology: Option<Value> = None;
         /// How it looks; read by plants.
         form: Option<Value> = None;
+        /// Bark, veins, fruits, seasons; read by plants.
+        look: Option<Value> = None;
+        /// Where its numbers were published, if they are kept although real trees differ.
+        published: Option<String> = None;
         /// What it is made of, if it is a patch of other species rather than a plant.
         group: Option<GroupRecipe> = None;
     }

@@ -2,16 +2,17 @@
 
 use crate::error::{Error, Result};
 use crate::files;
-use crate::make::{self, Growing, Made, Quantizing, RenderPaths, grow_one};
+use crate::make::{self, Growing, Made, Quantizing, RenderPaths};
 use crate::parameters::{canonical, forms};
 use crate::recipe::Stage;
-use crate::scene::{self, Scene, SceneSpecies, load_species};
+use crate::scene::{self, Scene, load_species};
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::Path;
 use weald_contract::table::{FromToml, Kind, Table};
-use weald_contract::{Progress, Representative, Seed, Sources, Span, Value};
+use weald_contract::{Progress, Seed, Sources, Span, Value};
 use weald_formats::{Parent, Provenance};
+use weald_plants::Conditions;
 
 /// `weald terrain SCENE -o FOLDER`.
 ///
@@ -135,113 +136,20 @@ pub fn is_palette(path: &Path) -> bool {
 ///
 /// # Errors
 /// The palette is damaged, a species is nowhere, or see [`Growing::make`].
-pub fn plants(palette: &Path, folder: &Path, seed: u64, progress: &dyn Progress) -> Result<Made> {
+pub fn plants(
+    palette: &Path,
+    folder: &Path,
+    conditions: &Conditions,
+    seed: u64,
+    progress: &dyn Progress,
+) -> Result<Made> {
     let names = make::species_names(&weald_formats::read_palette(palette)?);
     let (sources, species) = load_species(folder_of(palette), names)?;
-    let parameters = json!({ "species": forms(&species) });
+    let parameters = json!({ "plants": canonical(conditions), "species": forms(&species) });
     let seed_of_stage = Seed(seed).part(Stage::Plants.word(), 0);
-    let growing = Growing { species: &species, seed: seed_of_stage, sources: &sources };
+    let sources = &sources;
+    let growing = Growing { species: &species, conditions, seed: seed_of_stage, sources };
     growing.make(palette, folder, story(Stage::Plants, parameters, seed), progress)
-}
-
-/// A plant asked for by age and vigor.
-#[derive(Clone, Copy, Debug)]
-pub struct Wanted {
-    /// Age, years.
-    pub age: f32,
-    /// Vigor in [0, 1].
-    pub vigor: f32,
-    /// Root of all chance.
-    pub seed: u64,
-}
-
-/// `weald plants SPECIES --age 20 --vigor 0.8 -o PLANT.glb`: a species file, or a name that the
-/// program knows.
-///
-/// # Errors
-/// The species is nowhere or has mistakes, cannot be grown, or the disk refuses.
-pub fn plant(species: &str, wanted: Wanted, file: &Path) -> Result<Made> {
-    files::must_end(file, "glb")?;
-    let (sources, name, found) = species_given(species)?;
-    let Some(form) = &found.form else {
-        let members = found.species.group.iter().flat_map(|group| &group.member);
-        let members: Vec<&str> = members.map(|member| member.species.value.as_str()).collect();
-        return Err(Error::plain(
-            format!("`{name}` is a patch of other plants and has no form of its own"),
-            format!("grow one of its members: {}", members.join(", ")),
-        ));
-    };
-    check_wanted(wanted)?;
-    let size = &found.species.size;
-    let height = size.height_at(wanted.age, wanted.vigor);
-    let plant = Representative {
-        id: 1,
-        species: name,
-        age: wanted.age,
-        vigor: wanted.vigor,
-        height,
-        radius: size.radius_of_height(height),
-        weight: 1.0,
-        count: 1,
-    };
-    let seed = Seed(wanted.seed).part(Stage::Plants.word(), 0);
-    let model = grow_one(&sources, form, size, &plant, seed)?;
-    make::make_folder_of(file)?;
-    let parameters = json!({
-        "species": { "size": canonical(size), "form": canonical(form) },
-        "age": canonical(&wanted.age), "vigor": canonical(&wanted.vigor),
-    });
-    let story = story(Stage::Plants, parameters, wanted.seed);
-    weald_formats::write_plant(file, &model, &story)?;
-    let preview = file.with_extension("png");
-    let sheet = crate::preview::contact_sheet(&[(model.name.clone(), &model)], PORTRAIT_SIDE);
-    weald_formats::write_png(&preview, sheet.width, sheet.height, &sheet.rgb, &story)?;
-    let report = json!({
-        "height": canonical(&height),
-        "triangles": model.unique_triangles(),
-        "instanced_triangles": model.instanced_triangles(),
-    });
-    Ok(Made { files: vec![file.to_path_buf(), preview], report, ..Made::default() })
-}
-
-/// Complains of an age or vigor that no plant has.
-fn check_wanted(wanted: Wanted) -> Result<()> {
-    let limits = [("--age", wanted.age, 10_000.0), ("--vigor", wanted.vigor, 1.0)];
-    match limits.into_iter().find(|(_, value, most)| !(0.0..=*most).contains(value)) {
-        Some((flag, value, most)) => {
-            Err(Error::plain(format!("{flag} is {value}"), format!("allowed: 0 to {most}")))
-        }
-        None => Ok(()),
-    }
-}
-
-/// Side of a single plant's portrait, pixels.
-const PORTRAIT_SIDE: usize = 640;
-
-/// A species by file or by name.
-fn species_given(given: &str) -> Result<(Sources, String, SceneSpecies)> {
-    let path = Path::new(given);
-    let is_name = !given.ends_with(".toml") && !path.exists();
-    if is_name {
-        let (sources, mut species) = load_species(Path::new(""), [given.to_string()])?;
-        let found = species.remove(given);
-        let found =
-            found.ok_or_else(|| Error::plain(format!("no species `{given}`"), "give a file"))?;
-        return Ok((sources, given.into(), found));
-    }
-    let mut sources = Sources::default();
-    let mut problems = Vec::new();
-    let text = scene::read_text(path)?;
-    let found = scene::read_species(given, &text, &mut sources, &mut problems);
-    let form = found.as_ref().and_then(|found| found.form.as_ref());
-    problems.extend(form.map(weald_plants::Form::check).into_iter().flatten());
-    match found {
-        Some(found) if problems.is_empty() => {
-            let name = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
-            Ok((sources, name, found))
-        }
-        _ => Err(Error::Wrong { sources: sources.into(), problems }),
-    }
 }
 
 /// Reads a stage's table that consists of flags only.

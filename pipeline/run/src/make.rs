@@ -11,7 +11,7 @@ mod render;
 mod terrain;
 
 pub use ecosim::{EcosimPaths, ecosim};
-pub use plants::{Growing, grow_one, plant_file, plants};
+pub use plants::{Growing, grow_coarse, grow_one, model_file, plant_file, plants, skeleton_of};
 pub use quantize::{Quantizing, quantize};
 pub use render::{RenderPaths, render, species_names};
 pub use terrain::{named_layers, terrain};

@@ -114,6 +114,8 @@ fn stripped(species: &Species) -> Species {
         size: species.size.clone(),
         ecology: None,
         form: None,
+        look: None,
+        published: None,
         group: species.group.clone(),
     }
 }
@@ -144,7 +146,9 @@ pub fn parameters(scene: &Scene, stage: Stage, is_draft: bool) -> Json {
             let species = species.collect::<Map<_, _>>();
             json!({ "quantize": canonical(&scene.quantize), "species": species })
         }
-        Stage::Plants => json!({ "species": forms(&scene.species) }),
+        Stage::Plants => {
+            json!({ "plants": canonical(&scene.plants), "species": forms(&scene.species) })
+        }
         Stage::Render => json!({
             "render": canonical(&render_config(scene, is_draft)),
             "view": canonical(&scene.wanted_view().ok()),
@@ -167,10 +171,16 @@ struct Read<'a> {
 pub fn forms(species: &BTreeMap<String, SceneSpecies>) -> Json {
     let form = |(name, found): (&String, &SceneSpecies)| {
         let form = found.form.as_ref()?;
-        Some((
-            name.clone(),
-            json!({ "size": canonical(&found.species.size), "form": canonical(form) }),
-        ))
+        let mut read = json!({ "size": canonical(&found.species.size), "form": canonical(form) });
+        if found.species.look.is_some() {
+            read["look"] = canonical(&found.look);
+        }
+        if let weald_plants::Form::Model(form) = form {
+            // A model that cannot be read is told of when it is needed.
+            let hash = weald_formats::hash_file(&crate::make::model_file(found, form)).ok();
+            read["model"] = json!(hash);
+        }
+        Some((name.clone(), read))
     };
     species.iter().filter_map(form).collect::<Map<_, _>>().into()
 }

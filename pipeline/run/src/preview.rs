@@ -12,7 +12,7 @@ pub use dots::{Painted, draw_dots};
 pub use relief::{
     MapScale, colors_by_name, draw_population, draw_relief, draw_relief_on, draw_view,
 };
-pub use sheet::contact_sheet;
+pub use sheet::{contact_sheet, schematic_sheet};
 pub use sketch::Sketch;
 
 use crate::error::{Error, Result};

@@ -29,6 +29,8 @@ table! {
         ecosim: Option<Value> = None;
         /// How plants become few models: read by the stage quantize.
         quantize: Option<Value> = None;
+        /// Season, textures and levels of the models: read by the stage plants.
+        plants: Option<Value> = None;
         /// Places to look from.
         view: Vec<View> = Vec::new();
         /// Sun and sky.
@@ -43,7 +45,7 @@ table! {
 table! {
     /// A thing that stands in the scene.
     pub struct SceneObject {
-        /// Mesh, a `.glb` file.
+        /// Mesh, a `.glb` or `.obj` file.
         model: Written<String>;
         /// Place, scene coordinates, m.
         at: [f64; 2], in -1000000.0..=1000000.0;
@@ -67,6 +69,8 @@ pub struct SceneSpecies {
     pub ecology: Option<weald_ecosim::Ecology>,
     /// Its `[form]`, for plants.
     pub form: Option<weald_plants::Form>,
+    /// Its `[look]`, for plants.
+    pub look: weald_plants::Look,
     /// Where the text came from: a path, or `weald:species/NAME.toml` for one in the program.
     pub origin: String,
 }
@@ -97,6 +101,8 @@ pub struct Scene {
     pub ecosim: weald_ecosim::Config,
     /// `[quantize]`.
     pub quantize: weald_quantize::Config,
+    /// `[plants]`.
+    pub plants: weald_plants::Conditions,
     /// `[sky]`.
     pub sky: weald_render::Sky,
     /// `[render]`.
@@ -188,8 +194,9 @@ impl Scene {
             problems.extend(self.ecosim.check(&ecosim_species(self), &self.terrain.layer_names()));
             problems.extend(self.quantize.check(&quantize_species(self)));
         }
-        for form in self.species.values().filter_map(|found| found.form.as_ref()) {
-            problems.extend(form.check());
+        for found in self.species.values() {
+            problems.extend(found.form.iter().flat_map(weald_plants::Form::check));
+            problems.extend(found.look.check());
         }
         problems
     }
@@ -201,6 +208,7 @@ impl Scene {
             ("terrain", weald_terrain::Config::schema()),
             ("ecosim", weald_ecosim::Config::schema()),
             ("quantize", weald_quantize::Config::schema()),
+            ("plants", weald_plants::Conditions::schema()),
             ("sky", weald_render::Sky::schema()),
             ("render", weald_render::Config::schema()),
         ];
@@ -218,6 +226,7 @@ pub fn species_schema() -> serde_json::Value {
     let mut schema = Species::json_schema();
     schema["properties"]["ecology"] = weald_ecosim::Ecology::schema();
     schema["properties"]["form"] = weald_plants::Form::schema();
+    schema["properties"]["look"] = weald_plants::Look::schema();
     schema["$schema"] = "https://json-schema.org/draft/2020-12/schema".into();
     schema["title"] = "Weald species".into();
     schema

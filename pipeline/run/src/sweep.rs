@@ -20,6 +20,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use weald_contract::{Plant, PlantModel, Population, Progress, Representative, Seed, Sources};
 use weald_formats::{Column, Table};
+use weald_plants::Conditions;
 use weald_quantize::{Config, PartsReport, Quantized};
 
 /// Plants that are grown exactly for each row: enough for the mean to settle to about a
@@ -148,14 +149,13 @@ impl Work<'_> {
     /// Grows a plant by the chance of a number.
     fn grow(&self, plant: &Representative, chance: u32) -> Result<PlantModel> {
         let found = self.species.get(&plant.species);
-        let Some((found, form)) = found.and_then(|found| Some((found, found.form.as_ref()?)))
-        else {
+        let Some(found) = found.filter(|found| found.form.is_some()) else {
             let message = format!("species `{}` has no `[form]`", plant.species);
             return Err(Error::plain(message, "a sweep grows plants of every species"));
         };
         let seed = Seed(self.seed).part(Stage::Plants.word(), 0);
         let plant = Representative { id: chance, ..plant.clone() };
-        grow_one(&Sources::default(), form, &found.species.size, &plant, seed)
+        grow_one(&Sources::default(), found, &plant, &Conditions::default(), seed)
     }
 
     fn row(

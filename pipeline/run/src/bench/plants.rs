@@ -1,11 +1,12 @@
 //! Plants: trees grown and meshed.
 
-use super::{Figure, Size, best, wrong};
+use super::{Figure, Size, best};
 use crate::error::Result;
 use crate::make::grow_one;
 use crate::scene::SceneSpecies;
 use std::collections::BTreeMap;
 use weald_contract::{PlantModel, Representative, Seed, Sources};
+use weald_plants::Conditions;
 
 pub(super) fn triangles(size: &Size, species: &BTreeMap<String, SceneSpecies>) -> Result<Figure> {
     use rayon::prelude::*;
@@ -29,7 +30,6 @@ pub(super) fn grown(
     id: u32,
 ) -> Result<PlantModel> {
     let found = &species[name];
-    let form = found.form.as_ref().ok_or_else(|| wrong(format!("{name} has no form")))?;
     let size = &found.species.size;
     let height = size.height_at(age, 0.9);
     let plant = Representative {
@@ -42,5 +42,5 @@ pub(super) fn grown(
         weight: 1.0,
         count: 1,
     };
-    grow_one(&Sources::default(), form, size, &plant, Seed(1))
+    grow_one(&Sources::default(), found, &plant, &Conditions::default(), Seed(1))
 }

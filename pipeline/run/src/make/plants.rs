@@ -9,9 +9,11 @@ use crate::scene::{Scene, SceneSpecies};
 use rayon::prelude::*;
 use serde_json::json;
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use weald_contract::{PlantModel, Progress, Representative, Seed, Sources};
 use weald_formats::Provenance;
+use weald_plants::detail::Detail;
+use weald_plants::{Conditions, Form, Skeleton, Stature, look};
 
 /// File name of a representative's model.
 pub fn plant_file(id: u32) -> String {
@@ -30,7 +32,8 @@ pub fn plants(
     progress: &dyn Progress,
 ) -> Result<Made> {
     let seed = stage_seed(scene, Stage::Plants);
-    let growing = Growing { species: &scene.species, seed, sources: &scene.sources };
+    let (species, conditions) = (&scene.species, &scene.plants);
+    let growing = Growing { species, conditions, seed, sources: &scene.sources };
     growing.make(palette, folder, provenance, progress)
 }
 
@@ -38,6 +41,8 @@ pub fn plants(
 pub struct Growing<'a> {
     /// Every species of the palette.
     pub species: &'a BTreeMap<String, SceneSpecies>,
+    /// Season, textures and the like.
+    pub conditions: &'a Conditions,
     /// Seed of the stage.
     pub seed: Seed,
     /// Texts for problems.
@@ -92,8 +97,8 @@ impl Growing<'_> {
     /// Grows one representative.
     fn grow(&self, plant: &Representative) -> Result<PlantModel> {
         let found = self.species.get(&plant.species);
-        match found.and_then(|found| Some((&found.species.size, found.form.as_ref()?))) {
-            Some((size, form)) => grow_one(self.sources, form, size, plant, self.seed),
+        match found.filter(|found| found.form.is_some()) {
+            Some(found) => grow_one(self.sources, found, plant, self.conditions, self.seed),
             None => Err(Error::plain(
                 format!(
                     "no `[form]` for representative {} of species `{}`",
@@ -125,18 +130,77 @@ fn plant_provenance(stage: &Provenance, plant: &Representative) -> Provenance {
 /// Grows one plant; its chance hangs on its id, so that a palette may be grown in any order.
 ///
 /// # Errors
-/// The form or size cannot be grown.
+/// The form or size cannot be grown, or the species' model cannot be read.
 pub fn grow_one(
     sources: &Sources,
-    form: &weald_plants::Form,
-    size: &weald_contract::Size,
+    found: &SceneSpecies,
     plant: &Representative,
+    conditions: &Conditions,
     seed: Seed,
 ) -> Result<PlantModel> {
     let name = format!("{}-{}", plant.species, plant.id);
-    let seed = seed.part(&plant.species, u64::from(plant.id));
-    weald_plants::grow(&name, form, size, plant, seed).map_err(|error| match error {
+    let size = &found.species.size;
+    if let Some(Form::Model(form)) = &found.form {
+        let model = weald_formats::read_model(&model_file(found, form))?;
+        let stature = Stature::new(size, plant).map_err(|error| told(sources, error))?;
+        return Ok(PlantModel { name, ..form.fit(model, &stature) });
+    }
+    let skeleton = skeleton_of(sources, found, plant, seed)?;
+    let maturity = (plant.height / size.height).clamp(0.0, 1.0);
+    let seed = own_seed(plant, seed);
+    Ok(look::dressed(&name, skeleton, &found.look, conditions, maturity, seed))
+}
+
+/// Grows one plant with less detail.
+///
+/// # Errors
+/// The form or size cannot be grown.
+pub fn grow_coarse(
+    sources: &Sources,
+    found: &SceneSpecies,
+    plant: &Representative,
+    conditions: &Conditions,
+    detail: &Detail,
+    seed: Seed,
+) -> Result<PlantModel> {
+    let mut skeleton = skeleton_of(sources, found, plant, seed)?;
+    let maturity = (plant.height / found.species.size.height).clamp(0.0, 1.0);
+    let seed = own_seed(plant, seed);
+    let name = format!("{}-{}", plant.species, plant.id);
+    look::dress(&mut skeleton, &found.look, conditions, maturity, seed);
+    Ok(look::level(&name, &skeleton, &found.look, conditions, detail))
+}
+
+/// The bare skeleton of a plant that [`grow_one`] would grow.
+///
+/// # Errors
+/// The form or size cannot be grown.
+pub fn skeleton_of(
+    sources: &Sources,
+    found: &SceneSpecies,
+    plant: &Representative,
+    seed: Seed,
+) -> Result<Skeleton> {
+    let Some(form) = &found.form else {
+        return Err(Error::plain(format!("species `{}` has no `[form]`", plant.species), ""));
+    };
+    let seed = own_seed(plant, seed);
+    weald_plants::skeleton(form, &found.species.size, plant, seed)
+        .map_err(|error| told(sources, error))
+}
+
+fn own_seed(plant: &Representative, seed: Seed) -> Seed {
+    seed.part(&plant.species, u64::from(plant.id))
+}
+
+/// Path of the model that a species is made of: relative to the species' own file.
+pub fn model_file(found: &SceneSpecies, form: &weald_plants::ModelFile) -> PathBuf {
+    Path::new(&found.origin).parent().unwrap_or(Path::new("")).join(&form.file.value)
+}
+
+fn told(sources: &Sources, error: weald_plants::Error) -> Error {
+    match error {
         weald_plants::Error::Problem(problem) => Error::wrong(sources, problem),
         other => Error::Stage { stage: Stage::Plants.word(), message: other.to_string() },
-    })
+    }
 }

@@ -135,7 +135,7 @@ fn objects(scene: &Scene, terrain: &Layers) -> Result<Vec<weald_render::Object>>
     let mut objects = Vec::new();
     let pairs = scene.tables.object.iter().zip(&scene.object_inputs);
     for (index, (object, SceneInput { input, path })) in pairs.enumerate() {
-        let model = weald_formats::read_plant(path).map_err(at_field(scene, input))?;
+        let model = weald_formats::read_model(path).map_err(at_field(scene, input))?;
         let (x, y) = (terrain.frame.west + object.at[0], terrain.frame.south + object.at[1]);
         let frame = &terrain.frame;
         let [east, north] = [frame.width as f64 * frame.cell, frame.height as f64 * frame.cell];

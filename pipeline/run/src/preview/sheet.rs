@@ -6,7 +6,7 @@
 use super::sketch::Sketch;
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
-use weald_contract::{Mesh, PlantModel, Surface};
+use weald_contract::{Mesh, Paint, PlantModel, Surface};
 
 const BACKGROUND: [u8; 3] = [238, 240, 236];
 /// Where the light comes from: the viewer's upper left.
@@ -16,12 +16,34 @@ const MARGIN: f32 = 0.06;
 /// Height of the line under a model that holds its name, pixels.
 const CAPTION: usize = 16;
 
+/// How models are drawn.
+#[derive(Clone, Copy)]
+struct Style {
+    background: [u8; 3],
+    /// Wood alone, in this colour, without light.
+    flat: Option<[u8; 3]>,
+}
+
+const LIT: Style = Style { background: BACKGROUND, flat: None };
+const SCHEMATIC: Style = Style { background: [255; 3], flat: Some([0; 3]) };
+
 /// Draws each named model in a square cell of `side` pixels, in rows.
 pub fn contact_sheet(models: &[(String, &PlantModel)], side: usize) -> Sketch {
+    sheet(models, side, LIT)
+}
+
+/// Draws the branches of each named model as black cones on white.
+pub fn schematic_sheet(models: &[(String, &PlantModel)], side: usize) -> Sketch {
+    sheet(models, side, SCHEMATIC)
+}
+
+fn sheet(models: &[(String, &PlantModel)], side: usize, style: Style) -> Sketch {
     let columns = (models.len() as f64).sqrt().ceil().max(1.0) as usize;
     let rows = models.len().div_ceil(columns).max(1);
-    let cells: Vec<Sketch> = models.par_iter().map(|(_, model)| portrait(model, side)).collect();
-    let mut sheet = Sketch::filled(columns * side, rows * (side + CAPTION), BACKGROUND);
+    let cells: Vec<Sketch> =
+        models.par_iter().map(|(_, model)| portrait(model, side, style)).collect();
+    let background = style.background;
+    let mut sheet = Sketch::filled(columns * side, rows * (side + CAPTION), background);
     for (index, (cell, (name, _))) in cells.iter().zip(models).enumerate() {
         let x = (index % columns * side) as i64;
         let y = (index / columns * (side + CAPTION)) as i64;
@@ -35,9 +57,9 @@ pub fn contact_sheet(models: &[(String, &PlantModel)], side: usize) -> Sketch {
 /// One model, filling the cell; the horizontal line marks the ground.
 ///
 /// Drawn larger and averaged, so that blades thinner than a pixel fade instead of breaking up.
-fn portrait(model: &PlantModel, side: usize) -> Sketch {
-    let large = drawing(model, side * OVERSAMPLING);
-    let mut small = Sketch::filled(side, side, BACKGROUND);
+fn portrait(model: &PlantModel, side: usize, style: Style) -> Sketch {
+    let large = drawing(model, side * OVERSAMPLING, style);
+    let mut small = Sketch::filled(side, side, style.background);
     for (row, line) in small.rgb.chunks_exact_mut(3 * side).enumerate() {
         for (column, pixel) in line.chunks_exact_mut(3).enumerate() {
             for (channel, value) in pixel.iter_mut().enumerate() {
@@ -68,9 +90,9 @@ fn block_mean(large: &Sketch, column: usize, row: usize, channel: usize) -> u8 {
 }
 
 /// The model at full size.
-fn drawing(model: &PlantModel, side: usize) -> Sketch {
-    let triangles = triangles(model);
-    let mut sketch = Sketch::filled(side, side, BACKGROUND);
+fn drawing(model: &PlantModel, side: usize, style: Style) -> Sketch {
+    let triangles = triangles(model, style);
+    let mut sketch = Sketch::filled(side, side, style.background);
     let (mut low, mut high) = (Vec3::splat(f32::INFINITY), Vec3::splat(f32::NEG_INFINITY));
     for corner in triangles.iter().flat_map(|triangle| triangle.corners) {
         low = low.min(corner);
@@ -87,7 +109,10 @@ fn drawing(model: &PlantModel, side: usize) -> Sketch {
     let project =
         |p: Vec3| Vec3::new(side as f32 / 2.0 + (p.x - middle) * scale, ground - p.z * scale, p.y);
 
-    sketch.rectangle(0, ground as i64, side as i64, OVERSAMPLING as i64, [150, 146, 132], 1.0);
+    if style.flat.is_none() {
+        let line = [150, 146, 132];
+        sketch.rectangle(0, ground as i64, side as i64, OVERSAMPLING as i64, line, 1.0);
+    }
     let mut depth = vec![f32::INFINITY; side * side];
     for triangle in &triangles {
         fill(&mut sketch, &mut depth, triangle.corners.map(project), triangle.color);
@@ -102,10 +127,16 @@ struct Shaded {
 }
 
 /// All triangles of a model, organs at each of their places.
-fn triangles(model: &PlantModel) -> Vec<Shaded> {
+fn triangles(model: &PlantModel, style: Style) -> Vec<Shaded> {
     let mut all = Vec::new();
     for mesh in &model.wood {
         add(&mut all, model, mesh, |p| p);
+    }
+    if let Some(color) = style.flat {
+        // What lies in the ground is not part of the picture.
+        all.retain(|triangle| triangle.corners.iter().any(|corner| corner.z > 0.0));
+        all.iter_mut().for_each(|triangle| triangle.color = color);
+        return all;
     }
     for organ in &model.organs {
         for place in &organ.placements {
@@ -137,13 +168,27 @@ fn add(
         let normal = (corners[1] - corners[0]).cross(corners[2] - corners[0]).normalize_or_zero();
         // Leaves are seen from both sides; the side in shadow shows the light that passes.
         let facing = normal.dot(LIGHT) * if normal.y > 0.0 { -1.0 } else { 1.0 };
-        let reflectance = Vec3::from(material.reflectance);
+        let shade = material.paint.map_or(Vec3::ONE, |paint| texel(model, mesh, triangle, paint));
+        let reflectance = shade * Vec3::from(material.reflectance);
+        let through = shade * through;
         let light =
             reflectance * (0.35 + 0.85 * facing.max(0.0)) + through * (-facing).max(0.0) * 0.85;
         // 1.6 brings leaves, whose reflectance is low, to a visible tone.
         let color = (light * 1.6).to_array().map(encode);
         all.push(Shaded { corners, color });
     }
+}
+
+/// Colour of a texture in the middle of a triangle.
+fn texel(model: &PlantModel, mesh: &Mesh, triangle: &[u32; 3], paint: Paint) -> Vec3 {
+    let corner = |index: &u32| mesh.uvs.get(*index as usize).copied().unwrap_or_default();
+    let [a, b, c] = [&triangle[0], &triangle[1], &triangle[2]].map(corner);
+    let middle = [0, 1].map(|axis: usize| (a[axis] + b[axis] + c[axis]) / 3.0 / paint.size[axis]);
+    let texture = model.textures.get(paint.texture as usize).filter(|texture| texture.is_sound());
+    texture.map_or(Vec3::ONE, |texture| {
+        let [r, g, b, _] = texture.at(middle[0], middle[1]);
+        Vec3::new(r, g, b)
+    })
 }
 
 /// sRGB byte of a linear value (IEC 61966-2-1).
@@ -211,7 +256,7 @@ mod tests {
 
     #[test]
     fn a_post_stands_upright_in_the_middle_of_its_cell() {
-        let sketch = portrait(&post(), 100);
+        let sketch = portrait(&post(), 100, LIT);
         let is_post = |x, y| sketch.get(x, y) != Some(BACKGROUND);
         assert!(is_post(50, 50) && is_post(50, 10));
         assert!(!is_post(10, 50) && !is_post(90, 50));
@@ -226,7 +271,7 @@ mod tests {
 
     #[test]
     fn an_empty_or_broken_model_gives_an_empty_cell() {
-        assert!(portrait(&PlantModel::default(), 32).rgb.chunks(3).all(|p| p == BACKGROUND));
+        assert!(portrait(&PlantModel::default(), 32, LIT).rgb.chunks(3).all(|p| p == BACKGROUND));
         let mut broken = post();
         broken.wood[0].positions[0][0] = f32::NAN;
         broken.wood[0].triangles.push([0, 1, 99]);

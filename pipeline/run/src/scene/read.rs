@@ -67,10 +67,15 @@ pub fn read_species(
     let before = problems.len();
     let ecology = species.ecology.as_ref().and_then(|v| FromToml::from_toml(v, problems));
     let form = species.form.as_ref().and_then(|v| FromToml::from_toml(v, problems));
+    let look = species
+        .look
+        .as_ref()
+        .map_or(Some(Default::default()), |v| FromToml::from_toml(v, problems));
     (problems.len() == before).then(|| SceneSpecies {
         species,
         ecology,
         form,
+        look: look.unwrap_or_default(),
         origin: origin.into(),
     })
 }
@@ -107,9 +112,10 @@ pub fn load_species(
         start = end + 1;
     }
     let species = reader.species(wanted);
-    let forms = species.values().filter_map(|found| found.form.as_ref());
-    let found: Problems = forms.flat_map(weald_plants::Form::check).collect();
-    reader.problems.extend(found);
+    for found in species.values() {
+        reader.problems.extend(found.form.iter().flat_map(weald_plants::Form::check));
+        reader.problems.extend(found.look.check());
+    }
     none_wrong(&reader.sources, reader.problems)?;
     Ok((reader.sources, species))
 }
@@ -127,6 +133,7 @@ struct Tables {
     terrain: Option<weald_terrain::Config>,
     ecosim: Option<weald_ecosim::Config>,
     quantize: Option<weald_quantize::Config>,
+    plants: Option<weald_plants::Conditions>,
     sky: Option<weald_render::Sky>,
     render: Option<weald_render::Config>,
 }
@@ -164,6 +171,7 @@ impl Reader {
             terrain: Some(terrain),
             ecosim: Some(ecosim),
             quantize: Some(quantize),
+            plants: Some(plants),
             sky: Some(sky),
             render: Some(render),
         } = tables
@@ -180,6 +188,7 @@ impl Reader {
             terrain,
             ecosim,
             quantize,
+            plants,
             sky,
             render,
             planted,
@@ -201,6 +210,7 @@ impl Reader {
             terrain: self.stage(tree, "terrain"),
             ecosim: self.stage(tree, "ecosim"),
             quantize: self.stage(tree, "quantize"),
+            plants: self.stage(tree, "plants"),
             sky: self.stage(tree, "sky"),
             render: self.stage(tree, "render"),
         }

@@ -296,10 +296,9 @@ fn brightest(model: &PlantModel, meshes: &[Mesh]) -> Option<Material> {
         }
     }
     let mut best = found?;
-    for channel in 0..3 {
-        through[channel] = through[channel].min(0.95 - best.reflectance[channel]).max(0.0);
-    }
-    best.surface = Surface::Leaf { transmittance: through };
+    let room = best.reflectance.map(|reflected| 0.95 - reflected);
+    let transmittance = std::array::from_fn(|c| through[c].min(room[c]).max(0.0));
+    best.surface = Surface::Leaf { transmittance };
     Some(best)
 }
 

@@ -250,7 +250,7 @@ fn chance(x: u32, y: u32, salt: u32) -> f32 {
     (mixed >> 40) as f32 / (1_u64 << 24) as f32
 }
 
-/// Smooth noise in [0, 1] on a lattice of so many points around the texture [Perlin85].
+/// Smooth noise in [0, 1] on a lattice of so many points around the texture.
 fn noise(u: f32, v: f32, [across, along]: [u32; 2], salt: u32) -> f32 {
     let split = |coordinate: f32, count: u32| {
         let place = (coordinate - libm::floorf(coordinate)) * count as f32;
@@ -345,10 +345,8 @@ mod tests {
         let look = Bark { pattern: Pattern::Furrowed, size: [0.4, 0.8], contrast: 0.7 };
         paint(&mut materials, &mut textures, Some(&look), Veins::None);
         let shade = mean(&textures[0]);
-        for channel in 0..3 {
-            let seen = materials[0].reflectance[channel] * shade[channel];
-            assert!((seen - plain.reflectance[channel]).abs() < 1e-4);
-        }
+        let seen = materials[0].reflectance.iter().zip(shade).map(|(r, s)| r * s);
+        assert!(seen.zip(plain.reflectance).all(|(seen, plain)| (seen - plain).abs() < 1e-4));
         assert_eq!(materials[0].paint, Some(Paint { texture: 0, size: [0.4, 0.8] }));
     }
 

@@ -275,6 +275,6 @@ mod tests {
         let mut broken = post();
         broken.wood[0].positions[0][0] = f32::NAN;
         broken.wood[0].triangles.push([0, 1, 99]);
-        let _ = portrait(&broken, 32);
+        let _ = portrait(&broken, 32, LIT);
     }
 }

@@ -51,7 +51,7 @@ use std::collections::BTreeMap;
 use weald_contract::{Crs, Image, Layers, Problem, Progress, Raster, Seed, View};
 
 /// Raised whenever the same configuration gives other bytes than before.
-pub const OUTPUT_VERSION: u32 = 3;
+pub const OUTPUT_VERSION: u32 = 4;
 
 /// Why no terrain came out.
 #[derive(Debug, thiserror::Error)]

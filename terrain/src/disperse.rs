@@ -54,24 +54,8 @@ pub fn accumulate(
 const FACETS: [(u8, u8); 8] = [(0, 1), (2, 1), (2, 3), (4, 3), (4, 5), (6, 5), (6, 7), (0, 7)];
 
 fn infinite(width: usize, height: usize, flood: &Flood, amounts: Vec<f64>) -> Vec<f64> {
-    let mut receivers = vec![0u8; amounts.len()];
-    receivers.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
-        let is_inner = row > 0 && row + 1 < height && width > 2;
-        if is_inner {
-            facets_inside(width, row, &flood.level, line);
-        }
-        for (column, receivers) in line.iter_mut().enumerate() {
-            let is_rim = !is_inner || column == 0 || column + 1 == width;
-            if is_rim || *receivers == TIED {
-                let parts = facet_parts(heights_above(width, height, &flood.level, column, row));
-                let bit = |direction: usize| u8::from(parts[direction] > 0.0) << direction;
-                *receivers = (0..8).map(bit).sum();
-            }
-            if *receivers == 0 {
-                *receivers = drain(flood, row * width + column);
-            }
-        }
-    });
+    let inside = |row: usize, line: &mut [u8]| facets_inside(width, row, &flood.level, line);
+    let receivers = receivers(width, height, flood, inside, facet_parts);
     let level = &flood.level;
     descend(width, &receivers, amounts, |cell, receivers| {
         let is_facet = receivers.count_ones() == 2 && receivers & receivers.rotate_left(1) != 0;
@@ -92,51 +76,99 @@ fn infinite(width: usize, height: usize, flood: &Flood, amounts: Vec<f64>) -> Ve
 /// Bits of the four side neighbours.
 const SIDES: u8 = 0b0101_0101;
 
-/// Mark of a cell with several equally steep ways; no way leads to all eight neighbours but from a
-/// perfect peak, which is tied as well.
-const TIED: u8 = 0xFF;
-
-/// The neighbours that the steepest facet of a row's inner cells leads to, one bit each: without
-/// branches, so that cells share SIMD lanes. 0 where no facet falls, [`TIED`] where several are
-/// equally steep.
+/// The neighbours that the steepest ways from a row's inner cells lead to, one bit each, 0 where
+/// nothing falls: without branches, so that cells share SIMD lanes.
+///
+/// A way goes straight to a neighbour, or between the two of a facet. The squares of all sixteen
+/// slopes are compared; equally steep ways all count, as in [`facet_parts`].
 fn facets_inside(width: usize, row: usize, level: &[f32], receivers: &mut [u8]) {
+    falls_of_row(width, row, level, receivers, |falls| {
+        let (mut straight, mut within) = ([0.0f32; 8], [0.0f32; 8]);
+        let mut best = 0.0f32;
+        for direction in 0..8 {
+            let down = falls[direction].max(0.0);
+            straight[direction] = if direction % 2 == 0 { down * down } else { 0.5 * down * down };
+            best = best.max(straight[direction]);
+        }
+        for (facet, (side, corner)) in FACETS.into_iter().enumerate() {
+            let s1 = falls[side as usize];
+            let s2 = falls[corner as usize] - s1;
+            let is_within = (s2 > 0.0) & (s2 < s1);
+            within[facet] = if is_within { s1 * s1 + s2 * s2 } else { 0.0 };
+            best = best.max(within[facet]);
+        }
+        let mut bits = 0u32;
+        for (facet, (side, corner)) in FACETS.into_iter().enumerate() {
+            bits |= if straight[facet] == best { 1 << facet } else { 0 };
+            bits |= if within[facet] == best { 1 << side | 1 << corner } else { 0 };
+        }
+        if best > 0.0 { bits } else { 0 }
+    });
+}
+
+/// The lower neighbours of a row's inner cells, one bit each.
+fn lower_inside(width: usize, row: usize, level: &[f32], receivers: &mut [u8]) {
+    falls_of_row(width, row, level, receivers, |falls| {
+        let bit = |direction: usize| if falls[direction] > 0.0 { 1 << direction } else { 0 };
+        (0..8).fold(0, |bits, direction| bits | bit(direction))
+    });
+}
+
+/// Sets the inner cells of a row to what `bits` makes of how far their neighbours lie below them.
+#[inline]
+fn falls_of_row(
+    width: usize,
+    row: usize,
+    level: &[f32],
+    receivers: &mut [u8],
+    bits: impl Fn([f32; 8]) -> u32,
+) {
     let inner = width - 2;
     let line = |row: usize| &level[row * width..][..inner + 2];
     let (above, here, below) = (line(row - 1), line(row), line(row + 1));
     let receivers = &mut receivers[1..][..inner];
     for i in 0..inner {
         let z = here[i + 1];
-        let falls = [
-            z - here[i + 2],
-            z - below[i + 2],
-            z - below[i + 1],
-            z - below[i],
-            z - here[i],
-            z - above[i],
-            z - above[i + 1],
-            z - above[i + 2],
+        let neighbors = [
+            here[i + 2],
+            below[i + 2],
+            below[i + 1],
+            below[i],
+            here[i],
+            above[i],
+            above[i + 1],
+            above[i + 2],
         ];
-        let (mut best, mut first, mut across, mut ties) = (0.0f32, 0.0f32, 0.0f32, 0u32);
-        let (mut side_bit, mut corner_bit) = (0u32, 0u32);
-        for (side, corner) in FACETS {
-            let (s1, total) = (falls[side as usize], falls[corner as usize]);
-            let square = facet_slope_squared(s1, total);
-            let is_steeper = square > best;
-            ties = if is_steeper { 0 } else { ties + u32::from(square == best) };
-            best = if is_steeper { square } else { best };
-            first = if is_steeper { s1 } else { first };
-            across = if is_steeper { total - s1 } else { across };
-            side_bit = if is_steeper { 1 << side } else { side_bit };
-            corner_bit = if is_steeper { 1 << corner } else { corner_bit };
-        }
-        let is_within = across > 0.0 && across < first;
-        let straight = if across >= first { corner_bit } else { side_bit };
-        let bits = if is_within { side_bit | corner_bit } else { straight };
-        // Straight to a neighbour lies in both facets around it.
-        let usual = u32::from(!is_within);
-        let bits = if ties > usual { u32::from(TIED) } else { bits };
-        receivers[i] = if best > 0.0 { bits as u8 } else { 0 };
+        receivers[i] = bits(neighbors.map(|neighbor| z - neighbor)) as u8;
     }
+}
+
+/// The neighbours that every cell gives to: `inside` finds them for the inner cells of a row, `rim`
+/// from the falls around one cell. Where there are none, the drain of level ground.
+fn receivers(
+    width: usize,
+    height: usize,
+    flood: &Flood,
+    inside: impl Fn(usize, &mut [u8]) + Sync,
+    rim: impl Fn([f32; 8]) -> [f32; 8] + Sync,
+) -> Vec<u8> {
+    let mut receivers = vec![0u8; flood.level.len()];
+    receivers.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
+        let is_inner = row > 0 && row + 1 < height && width > 2;
+        if is_inner {
+            inside(row, line);
+        }
+        let stride = if is_inner { width - 1 } else { 1 };
+        for column in (0..width).step_by(stride) {
+            let parts = rim(heights_above(width, height, &flood.level, column, row));
+            let bit = |direction: usize| u8::from(parts[direction] > 0.0) << direction;
+            line[column] = (0..8).map(bit).sum();
+        }
+        for (column, receivers) in line.iter_mut().enumerate().filter(|(_, bits)| **bits == 0) {
+            *receivers = drain(flood, row * width + column);
+        }
+    });
+    receivers
 }
 
 /// Shares of the eight neighbours along the steepest of the facets around a cell; all 0 where none
@@ -285,7 +317,7 @@ fn donors(width: usize, receivers: &[u8]) -> Vec<u8> {
 }
 
 /// How far each of the eight neighbours lies below a cell; -∞ where there is none.
-#[inline]
+#[inline(always)] // a call costs as much as the work
 fn heights_above(
     width: usize,
     height: usize,
@@ -339,17 +371,8 @@ fn multiple(
     share: &Share,
     amounts: Vec<f64>,
 ) -> Vec<f64> {
-    let mut receivers = vec![0u8; amounts.len()];
-    receivers.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
-        for (column, receivers) in line.iter_mut().enumerate() {
-            let falls = heights_above(width, height, &flood.level, column, row);
-            let bit = |direction: usize| u8::from(falls[direction] > 0.0) << direction;
-            *receivers = (0..8).map(bit).sum();
-            if *receivers == 0 {
-                *receivers = drain(flood, row * width + column);
-            }
-        }
-    });
+    let inside = |row: usize, line: &mut [u8]| lower_inside(width, row, &flood.level, line);
+    let receivers = receivers(width, height, flood, inside, |falls| falls);
     descend(width, &receivers, amounts, |cell, _| {
         share.of(heights_above(width, height, &flood.level, cell % width, cell / width))
     })
@@ -490,7 +513,7 @@ mod tests {
             for row in 1..height - 1 {
                 let mut receivers = vec![0u8; width];
                 facets_inside(width, row, &ground, &mut receivers);
-                for column in (1..width - 1).filter(|column| receivers[*column] != TIED) {
+                for column in 1..width - 1 {
                     let parts = facet_parts(heights_above(width, height, &ground, column, row));
                     for (direction, part) in parts.iter().enumerate() {
                         prop_assert_eq!(receivers[column] >> direction & 1 == 1, *part > 0.0);

@@ -147,7 +147,7 @@ mod tests {
     use crate::table::Column;
     use proptest::prelude::*;
 
-    /// Written by Python's sqlite3, as `tests/data/README.md` tells.
+    /// Written by `tests/data/trees.py` with Python's SQLite.
     const TREES: &[u8] = include_bytes!("../tests/data/trees.gpkg");
 
     fn read(bytes: Vec<u8>) -> Result<(Table, Crs)> {

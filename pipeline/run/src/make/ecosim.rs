@@ -133,13 +133,10 @@ fn check_maps(scene: &Scene, terrain: &Crs) -> Result<()> {
         }
         let image =
             weald_formats::geotiff::reference_system(path).map_err(at_field(scene, input))?;
+        // Images in degrees come to their UTM zone as they are read.
         let differ = matches!((image.epsg, terrain.epsg), (Some(a), Some(b)) if a != b);
-        if differ || (image.is_geographic && !terrain.is_geographic) {
-            let system = |crs: &Crs| match crs.epsg {
-                Some(epsg) => format!("EPSG:{epsg}"),
-                None if crs.is_geographic => "degrees".into(),
-                None => "metres of its own".into(),
-            };
+        if differ && !image.is_geographic {
+            let system = |crs: &Crs| format!("EPSG:{}", crs.epsg.unwrap_or_default());
             let message = format!(
                 "`{}` is a map in {}, the terrain in {}",
                 input.path.value,

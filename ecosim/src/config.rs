@@ -1,6 +1,7 @@
 //! What users write: the table `[ecosim]`.
 
 use crate::clump::Clump;
+use crate::self_thinning::SelfThinning;
 use crate::species::Ecology;
 use std::collections::BTreeMap;
 use weald_contract::formula::Variable;
@@ -42,6 +43,8 @@ choice! {
         "halftone" => Halftone(Halftone),
         /// Lets species come, grow, compete and die for some years.
         "simulate" => Simulate(Simulate),
+        /// Lets a stand of one species thin itself.
+        "self_thinning" => SelfThinning(SelfThinning),
         /// Places single plants.
         "place" => Place(Place),
         /// Makes a density layer of sample plots.
@@ -426,7 +429,11 @@ impl Config {
                     inputs.push(Input { field, path, kind: InputKind::Plants });
                     continue;
                 }
-                Step::Simulate(_) | Step::Relax(_) | Step::Thin(_) | Step::Clear(_) => continue,
+                Step::Simulate(_)
+                | Step::SelfThinning(_)
+                | Step::Relax(_)
+                | Step::Thin(_)
+                | Step::Clear(_) => continue,
             };
             for (path, word, kind) in files {
                 let field = format!("ecosim.step[{index}].{word}");
@@ -515,6 +522,7 @@ impl Step {
             }
             Self::Simulate(simulate) => simulate.species.iter().collect(),
             Self::Plots(plots) => vec![&plots.species],
+            Self::SelfThinning(thinning) => vec![&thinning.species],
             Self::Place(place) => {
                 place.species.iter().chain(place.names.iter().map(|name| &name.species)).collect()
             }
@@ -531,6 +539,7 @@ impl Step {
                 h.formula.iter().chain(attributes.into_iter().flat_map(attribute_formula)).collect()
             }
             Self::Simulate(simulate) => simulate.chance.iter().collect(),
+            Self::SelfThinning(_) => Vec::new(),
             Self::Place(p) => {
                 let attributes = [&p.age, &p.vigor, &p.height, &p.yaw_deg, &p.upright];
                 attributes.into_iter().flat_map(attribute_formula).collect()
@@ -551,6 +560,7 @@ impl Step {
         match self {
             Self::Halftone(halftone) => halftone.check(species, problems),
             Self::Simulate(simulate) => simulate.check(species, layers, problems),
+            Self::SelfThinning(thinning) => thinning.check(problems),
             Self::Place(place) => place.check(problems),
             Self::Plots(_) | Self::Relax(_) | Self::Thin(_) | Self::Clear(_) => {}
         }

@@ -98,12 +98,23 @@ pub struct Outcome {
     pub summary: Vec<SummaryRow>,
     /// Every plant that died or was cleared away, in order of time, then id.
     pub deaths: Vec<Death>,
+    /// Populations of the steps that were to be kept, in order of time.
+    pub snapshots: Vec<Snapshot>,
     /// What `spacing` left no room for, a row for each halftone that it concerns.
     pub unplaced: Vec<Unplaced>,
     /// How well sample plots predict each other, a row for each table and species.
     pub plot_fits: Vec<PlotFit>,
     /// Layers that `plots` steps made, plants per m², by name.
     pub layers: BTreeMap<String, Grid>,
+}
+
+/// The plants of a simulation at one step, the doomed among them.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Snapshot {
+    /// The step, counted as in [`SummaryRow::step`].
+    pub step: u32,
+    /// The plants that take part, with their states.
+    pub population: Population,
 }
 
 /// Plants of a halftone for which no place was found.

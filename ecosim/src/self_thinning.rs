@@ -6,6 +6,11 @@
 //! Places are 32-bit fractions of the field, which makes a torus of it by mere overflow and a
 //! plant 16 bytes small; the step is exact for the places so rounded.
 
+mod step;
+
+pub use step::SelfThinning;
+pub(crate) use step::run;
+
 use crate::config::{Edge, Order};
 use crate::growth::Growth;
 use crate::levels::{Field, Levels, Site};

@@ -4,7 +4,7 @@ use crate::config::Spacing;
 use crate::field::ImageField;
 use crate::ground::Ground;
 use crate::species::Ecology;
-use crate::{Death, Error, Outcome, PlotFit, SummaryRow, Surroundings, Unplaced};
+use crate::{Death, Error, Outcome, PlotFit, Snapshot, SummaryRow, Surroundings, Unplaced};
 use glam::Vec3;
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -46,6 +46,8 @@ pub(crate) struct Stand<'a> {
     pub(crate) summary: Vec<SummaryRow>,
     /// Deaths so far.
     pub(crate) deaths: Vec<Death>,
+    /// Populations kept so far.
+    pub(crate) snapshots: Vec<Snapshot>,
     /// What found no place so far.
     pub(crate) unplaced: Vec<Unplaced>,
     /// How well plots predicted each other so far.
@@ -79,6 +81,7 @@ impl<'a> Stand<'a> {
             year,
             summary: Vec::new(),
             deaths: Vec::new(),
+            snapshots: Vec::new(),
             unplaced: Vec::new(),
             plot_fits: Vec::new(),
             images: BTreeMap::new(),
@@ -183,9 +186,9 @@ impl<'a> Stand<'a> {
 
     /// Returns what the steps made.
     pub(crate) fn finish(self) -> Outcome {
-        let Self { population, summary, deaths, unplaced, plot_fits, layers, .. } = self;
+        let Self { population, summary, deaths, snapshots, unplaced, plot_fits, layers, .. } = self;
         let layers = layers.into_iter().map(|(name, grid)| (name.to_string(), grid)).collect();
-        Outcome { population, summary, deaths, unplaced, plot_fits, layers }
+        Outcome { population, summary, deaths, snapshots, unplaced, plot_fits, layers }
     }
 }
 

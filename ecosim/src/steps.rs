@@ -5,7 +5,10 @@ use crate::field::ImageField;
 use crate::ground::Ground;
 use crate::ids::{IdSource, Tags};
 use crate::stand::Stand;
-use crate::{Error, Outcome, Surroundings, clear, halftone, place, plots, relax, simulate, thin};
+use crate::{
+    Error, Outcome, Surroundings, clear, halftone, place, plots, relax, self_thinning, simulate,
+    thin,
+};
 use weald_contract::{Image, Population, Problem, Progress, Seed, Written};
 
 /// What every step reads.
@@ -85,6 +88,7 @@ fn run<'a>(step: &'a Step, site: &Site<'a>, stand: &mut Stand<'a>) -> Result<(),
     match step {
         Step::Halftone(halftone) => halftone::run(halftone, site, stand),
         Step::Simulate(simulate) => simulate::run(simulate, site, stand),
+        Step::SelfThinning(thinning) => self_thinning::run(thinning, site, stand),
         Step::Place(place) => place::run(place, site, stand),
         Step::Plots(plots) => plots::run(plots, site, stand),
         Step::Relax(relax) => relax::run(relax, site, stand),

@@ -1,7 +1,7 @@
 //! Point statistics of anyone's table: `weald analyze`.
 
 mod functions;
-mod plot;
+pub(crate) mod plot;
 mod points;
 mod thinning;
 

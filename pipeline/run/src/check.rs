@@ -147,6 +147,7 @@ fn step_plants(scene: &Scene, step: &weald_ecosim::Step, area: f64) -> f64 {
             let rows = table.and_then(|path| weald_formats::read_population(path).ok());
             (place.at.len() + rows.map_or(0, |table| table.len())) as f64
         }
+        weald_ecosim::Step::SelfThinning(thinning) => f64::from(thinning.plants),
         _ => 0.0,
     }
 }

@@ -7,6 +7,7 @@ mod dots;
 mod relief;
 mod sheet;
 mod sketch;
+mod stands;
 
 pub use dots::{Painted, draw_dots};
 pub use relief::{
@@ -14,6 +15,7 @@ pub use relief::{
 };
 pub use sheet::{contact_sheet, schematic_sheet};
 pub use sketch::Sketch;
+pub use stands::draw_stand;
 
 use crate::error::{Error, Result};
 use crate::files::{self, FileKind};

@@ -8,7 +8,8 @@ use crate::recipe::Stage;
 use crate::scene::{Scene, SceneInput};
 use serde_json::{Value as Json, json};
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::ffi::OsStr;
+use std::path::{Path, PathBuf};
 use weald_contract::{Crs, Image, InputKind, Population, Problem, Progress};
 use weald_formats::geotiff::BandRef;
 use weald_formats::{Column, Provenance, Table};
@@ -66,8 +67,9 @@ pub fn ecosim(
     made.wrote(&paths.population)?;
     let beside = |name: &str| paths.population.with_file_name(name);
     let names = &outcome.population.species;
+    let area = terrain.frame.len() as f64 * terrain.frame.cell_area();
     let tables = [
-        (beside("summary.csv"), summary_table(&outcome.summary, names)),
+        (beside("summary.csv"), summary_table(&outcome.summary, names, area)),
         (beside("deaths.parquet"), deaths_table(&outcome.deaths, names)),
     ];
     for (path, table) in &tables {
@@ -91,6 +93,15 @@ pub fn ecosim(
         };
         weald_formats::geotiff::write_band(&path, band, &provenance)?;
         made.wrote(&path)?;
+    }
+    for snapshot in &outcome.snapshots {
+        let path = numbered(&paths.population, snapshot.step);
+        weald_formats::write_population(&path, &snapshot.population, &provenance)?;
+        made.wrote(&path)?;
+    }
+    if !outcome.snapshots.is_empty() {
+        let sheet = preview::draw_stand(&outcome.summary, &outcome.snapshots, &terrain.frame);
+        made.preview(&beside("stand.png"), &sheet, &provenance)?;
     }
     let colors = species_colors(scene, &outcome.population);
     let dots = preview::draw_population(&outcome.population, Some(&terrain), &colors);
@@ -151,6 +162,13 @@ fn check_maps(scene: &Scene, terrain: &Crs) -> Result<()> {
     Ok(())
 }
 
+/// Name of the population of one step: `population-0099.parquet`.
+fn numbered(population: &Path, step: u32) -> PathBuf {
+    let part = |part: Option<&OsStr>| part.unwrap_or_default().to_string_lossy().into_owned();
+    let (stem, ending) = (part(population.file_stem()), part(population.extension()));
+    population.with_file_name(format!("{stem}-{step:04}.{ending}"))
+}
+
 /// Tables of plants among ecosim's inputs, by path as written.
 fn plants_of_tables(scene: &Scene) -> Result<BTreeMap<String, Population>> {
     let mut tables = BTreeMap::new();
@@ -193,12 +211,15 @@ fn species_column(names: &[String], indices: impl Iterator<Item = u16>) -> Colum
 }
 
 /// `summary.csv`: a row a year and species.
-fn summary_table(rows: &[weald_ecosim::SummaryRow], names: &[String]) -> Table {
+fn summary_table(rows: &[weald_ecosim::SummaryRow], names: &[String], area: f64) -> Table {
     let counts = |value: fn(&weald_ecosim::SummaryRow) -> u64| {
         Column::Unsigned(rows.iter().map(value).collect())
     };
     let numbers = |value: fn(&weald_ecosim::SummaryRow) -> f32| {
         Column::Float32(rows.iter().map(value).collect())
+    };
+    let derived = |value: &dyn Fn(&weald_ecosim::SummaryRow) -> f64| {
+        Column::Float(rows.iter().map(value).collect())
     };
     Table::default()
         .with("step", counts(|row| u64::from(row.step)))
@@ -209,6 +230,8 @@ fn summary_table(rows: &[weald_ecosim::SummaryRow], names: &[String]) -> Table {
         .with("old", counts(|row| row.old))
         .with("mean_radius", numbers(|row| row.mean_radius))
         .with("cover", numbers(|row| row.cover))
+        .with("density", derived(&|row| row.alive as f64 / area))
+        .with("mean_area", derived(&|row| f64::from(row.cover) * area / row.alive.max(1) as f64))
 }
 
 /// `deaths.parquet`: a row a death; `killer` is -1 where none is to blame.

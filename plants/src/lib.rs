@@ -24,6 +24,7 @@ pub mod posture;
 pub mod presence;
 pub mod reed;
 pub mod season;
+pub mod semantic;
 pub mod skeleton;
 pub mod texture;
 pub mod weber_penn;
@@ -36,6 +37,7 @@ pub use lsystem::Lsystem;
 pub use model_file::ModelFile;
 pub use posture::Posture;
 pub use reed::Reed;
+pub use semantic::Semantic;
 pub use skeleton::Skeleton;
 pub use weber_penn::WeberPenn;
 
@@ -59,6 +61,8 @@ choice! {
         "lsystem" => Lsystem(Lsystem),
         /// Another form whose numbers follow age and vigor.
         "posture" => Posture(Posture),
+        /// A tree made by an edit script.
+        "semantic" => Semantic(Semantic),
         /// Somebody's model, scaled.
         "model" => Model(ModelFile),
     }
@@ -134,6 +138,7 @@ impl Form {
             Self::Herb(form) => form.check(),
             Self::Lsystem(form) => form.check(),
             Self::Posture(form) => form.check(),
+            Self::Semantic(form) => form.check(),
             Self::Model(_) => Problems::new(),
         }
     }
@@ -147,6 +152,7 @@ impl Form {
             Self::Herb(form) => Ok(form.grow(stature, seed)),
             Self::Lsystem(form) => form.grow(stature, seed),
             Self::Posture(form) => form.grow(age, stature, seed),
+            Self::Semantic(form) => form.grow(stature, seed),
             Self::Model(form) => {
                 let what = "a model from a file has no skeleton";
                 Err(Problem::at(form.file.span, what).hint("it can be scaled, but not grown"))

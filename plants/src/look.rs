@@ -50,21 +50,12 @@ table! {
         leaf_cards: bool = false;
         /// Whether the thinnest branches with their leaves are pictures on cards.
         twig_cards: bool = false;
-        /// Coarser models beside each, for plants far from the eye.
-        levels: u32 = 0, in 0.0..=3.0;
     }
 }
 
 impl Default for Conditions {
     fn default() -> Self {
-        Self {
-            day: None,
-            textures: true,
-            wind: false,
-            leaf_cards: false,
-            twig_cards: false,
-            levels: 0,
-        }
+        Self { day: None, textures: true, wind: false, leaf_cards: false, twig_cards: false }
     }
 }
 

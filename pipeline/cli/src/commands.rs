@@ -332,7 +332,6 @@ fn conditions_of(arguments: &args::Plants) -> specimen::Conditions {
         wind: arguments.wind,
         leaf_cards: arguments.leaf_cards,
         twig_cards: arguments.twig_cards,
-        ..Default::default()
     }
 }
 

@@ -124,7 +124,13 @@ pub fn bench(request: &Request) -> Result<Figures> {
                 }
             }
             Stage::Quantize => figures.extend(quantize::vector_quantization(&size, input)?),
-            Stage::Plants => figures.push(plants::triangles(&size, &species)?),
+            Stage::Plants => {
+                figures.push(plants::triangles(&size, &species)?);
+                figures.extend(plants::black_oak(&size, &species)?);
+                if !request.quick {
+                    figures.push(plants::many_trees(&size, &species)?);
+                }
+            }
             Stage::Render => figures.extend(render::rays(&size, &species)?),
         }
     }
@@ -221,7 +227,7 @@ fn wrong(error: impl fmt::Display) -> Error {
 }
 
 fn species() -> Result<BTreeMap<String, SceneSpecies>> {
-    Ok(load_species(Path::new(""), ["aspen".to_string(), "grass".to_string()])?.1)
+    Ok(load_species(Path::new(""), ["aspen", "grass", "oak"].map(String::from))?.1)
 }
 
 /// Reads a stage's table from a text of ours.

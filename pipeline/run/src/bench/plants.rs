@@ -63,9 +63,8 @@ pub(super) fn many_trees(size: &Size, species: &BTreeMap<String, SceneSpecies>) 
         };
         (1..=MANY).into_par_iter().map(one).collect::<Result<Vec<[u64; 2]>>>()
     })?;
-    let mean = |column: usize| {
-        counts.iter().map(|count| count[column]).sum::<u64>() / u64::from(MANY)
-    };
+    let mean =
+        |column: usize| counts.iter().map(|count| count[column]).sum::<u64>() / u64::from(MANY);
     let input = format!("{MANY} young oaks, {} leaves and {} triangles each", mean(1), mean(0));
     Ok(Figure::time("different trees", time, input))
 }

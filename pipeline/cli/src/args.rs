@@ -237,8 +237,45 @@ fn quantize_mode(word: &str) -> Result<weald_run::vectors::Mode, String> {
     found.ok_or_else(|| "the modes are paper, fast and best".to_string())
 }
 
+/// What else `weald plants` does.
+#[derive(Debug, clap::Subcommand)]
+pub enum PlantsAction {
+    /// Make a tree by an edit script, one operation a line.
+    #[command(after_long_help = "\
+Examples:
+  weald plants edit hazel                       counts beside the paper's
+  weald plants edit plane -o plane.glb          a model and its portrait
+  weald plants edit mine.tree -o mine.png --watch
+
+The program has hazel, oak, silver_linden, poplar, ash, beech, maple, birch and plane.
+docs/semantic-trees.md describes the operations.")]
+    Edit(EditTree),
+}
+
+/// `weald plants edit`.
+#[derive(Debug, ClapArgs)]
+pub struct EditTree {
+    /// The script, or the name of one in the program.
+    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub script: String,
+    /// The model (`.glb`, a `.png` goes beside it) or its picture alone (`.png`); without it the
+    /// tree is only counted.
+    #[arg(long, short, value_name = "PATH", value_hint = ValueHint::AnyPath)]
+    pub output: Option<PathBuf>,
+    /// Run the script again whenever it is saved.
+    #[arg(long)]
+    pub watch: bool,
+    /// Light paths a pixel of the portrait; 0 draws it at once, without light and shadow.
+    #[arg(long, default_value_t = 16, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(0..=65_536))]
+    pub samples: u32,
+    /// Side of the portrait, pixels.
+    #[arg(long, default_value_t = 480, value_name = "PIXELS", value_parser = clap::value_parser!(u32).range(16..=8192))]
+    pub side: u32,
+}
+
 /// `weald plants`.
 #[derive(Debug, ClapArgs)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 #[command(after_long_help = "\
 Examples:
   weald plants aspen --age 20 --vigor 0.8 -o aspen.glb
@@ -249,6 +286,9 @@ Examples:
   weald plants palette.toml -o plants
   weald plants --check                                            all presets beside real plants")]
 pub struct Plants {
+    /// Something else than growing a species.
+    #[command(subcommand)]
+    pub action: Option<PlantsAction>,
     /// A species file, the name of a species in the program, or a palette.
     #[arg(value_name = "SPECIES|PALETTE", value_hint = ValueHint::FilePath)]
     #[arg(required_unless_present = "check")]

@@ -12,7 +12,7 @@ use std::time::{Duration, Instant, SystemTime};
 use weald_run::make::{EcosimPaths, Made, RenderPaths};
 use weald_run::{
     Changes, Error, Plan, Result, Scene, alone, analysis, bench, canvas, check, compare, execute,
-    export, info, preview, real, specimen, sweep, template, vectors,
+    export, info, preview, real, semantic, specimen, sweep, template, vectors,
 };
 
 /// Exit code of a comparison that found a difference.
@@ -44,6 +44,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Command::Quantize(arguments) if !arguments.sweep.is_empty() => sweep(arguments, global),
         Command::Quantize(quantize) => {
             one_stage(global, |shown| quantize_alone(quantize, global, shown))
+        }
+        Command::Plants(args::Plants { action: Some(args::PlantsAction::Edit(edit)), .. }) => {
+            edit_tree(edit, global)
         }
         Command::Plants(plants) if plants.check => {
             let report = real::check(plants.from.as_deref(), global.seed.unwrap_or(0))?;
@@ -226,6 +229,30 @@ fn watch(arguments: &args::Run, global: &Global) -> Result<ExitCode> {
         }
         let before = if files.len() == seen.len() { seen } else { times(&files) };
         while !is_stopped() && times(&files) == before {
+            std::thread::sleep(WATCH_INTERVAL);
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+/// `weald plants edit`, once or after each save.
+fn edit_tree(arguments: &args::EditTree, global: &Global) -> Result<ExitCode> {
+    let seed = global.seed.unwrap_or(0);
+    let wanted = semantic::Wanted { seed, side: arguments.side, samples: arguments.samples };
+    let output = arguments.output.as_deref();
+    let once =
+        || one_stage(global, |shown| semantic::edit(&arguments.script, &wanted, output, shown));
+    if !arguments.watch {
+        return once();
+    }
+    listen_for_ctrl_c();
+    let files = [PathBuf::from(&arguments.script)];
+    while !is_stopped() {
+        let seen = times(&files);
+        if let Err(error) = once() {
+            crate::show::error(&error);
+        }
+        while !is_stopped() && times(&files) == seen {
             std::thread::sleep(WATCH_INTERVAL);
         }
     }

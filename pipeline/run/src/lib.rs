@@ -30,6 +30,7 @@ pub mod real;
 pub mod recipe;
 pub mod record;
 pub mod scene;
+pub mod semantic;
 pub mod specimen;
 pub mod sweep;
 pub mod template;

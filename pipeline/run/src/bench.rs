@@ -13,6 +13,7 @@ mod given;
 mod plants;
 mod quantize;
 mod render;
+mod semantic_trees;
 mod terrain;
 
 use crate::bench::clock::Stopwatch;
@@ -130,6 +131,7 @@ pub fn bench(request: &Request) -> Result<Figures> {
                 if !request.quick {
                     figures.push(plants::many_trees(&size, &species)?);
                 }
+                figures.extend(semantic_trees::edits(&size)?);
             }
             Stage::Render => figures.extend(render::rays(&size, &species)?),
         }

@@ -9,6 +9,7 @@
 pub mod card;
 pub mod curve;
 pub mod detail;
+pub mod foliage;
 pub mod frame;
 pub mod fruit;
 pub mod grass;
@@ -24,9 +25,15 @@ pub mod posture;
 pub mod presence;
 pub mod reed;
 pub mod season;
+<<<<<<< HEAD
 pub mod semantic;
 pub mod skeleton;
 pub mod texture;
+=======
+pub mod self_organizing;
+pub mod skeleton;
+pub mod volume;
+>>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
 pub mod weber_penn;
 pub mod wind;
 
@@ -37,7 +44,11 @@ pub use lsystem::Lsystem;
 pub use model_file::ModelFile;
 pub use posture::Posture;
 pub use reed::Reed;
+<<<<<<< HEAD
 pub use semantic::Semantic;
+=======
+pub use self_organizing::SelfOrganizing;
+>>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
 pub use skeleton::Skeleton;
 pub use weber_penn::WeberPenn;
 
@@ -61,10 +72,15 @@ choice! {
         "lsystem" => Lsystem(Lsystem),
         /// Another form whose numbers follow age and vigor.
         "posture" => Posture(Posture),
+<<<<<<< HEAD
         /// A tree made by an edit script.
         "semantic" => Semantic(Semantic),
         /// Somebody's model, scaled.
         "model" => Model(ModelFile),
+=======
+        /// A tree whose buds compete for light or space.
+        "self_organizing" => SelfOrganizing(SelfOrganizing),
+>>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
     }
 }
 
@@ -138,8 +154,12 @@ impl Form {
             Self::Herb(form) => form.check(),
             Self::Lsystem(form) => form.check(),
             Self::Posture(form) => form.check(),
+<<<<<<< HEAD
             Self::Semantic(form) => form.check(),
             Self::Model(_) => Problems::new(),
+=======
+            Self::SelfOrganizing(form) => form.check(),
+>>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
         }
     }
 
@@ -152,11 +172,15 @@ impl Form {
             Self::Herb(form) => Ok(form.grow(stature, seed)),
             Self::Lsystem(form) => form.grow(stature, seed),
             Self::Posture(form) => form.grow(age, stature, seed),
+<<<<<<< HEAD
             Self::Semantic(form) => form.grow(stature, seed),
             Self::Model(form) => {
                 let what = "a model from a file has no skeleton";
                 Err(Problem::at(form.file.span, what).hint("it can be scaled, but not grown"))
             }
+=======
+            Self::SelfOrganizing(form) => form.grow(age, stature, seed),
+>>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
         }
     }
 }

@@ -25,15 +25,11 @@ pub mod posture;
 pub mod presence;
 pub mod reed;
 pub mod season;
-<<<<<<< HEAD
+pub mod self_organizing;
 pub mod semantic;
 pub mod skeleton;
 pub mod texture;
-=======
-pub mod self_organizing;
-pub mod skeleton;
 pub mod volume;
->>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
 pub mod weber_penn;
 pub mod wind;
 
@@ -44,11 +40,8 @@ pub use lsystem::Lsystem;
 pub use model_file::ModelFile;
 pub use posture::Posture;
 pub use reed::Reed;
-<<<<<<< HEAD
-pub use semantic::Semantic;
-=======
 pub use self_organizing::SelfOrganizing;
->>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
+pub use semantic::Semantic;
 pub use skeleton::Skeleton;
 pub use weber_penn::WeberPenn;
 
@@ -72,15 +65,12 @@ choice! {
         "lsystem" => Lsystem(Lsystem),
         /// Another form whose numbers follow age and vigor.
         "posture" => Posture(Posture),
-<<<<<<< HEAD
         /// A tree made by an edit script.
         "semantic" => Semantic(Semantic),
         /// Somebody's model, scaled.
         "model" => Model(ModelFile),
-=======
         /// A tree whose buds compete for light or space.
         "self_organizing" => SelfOrganizing(SelfOrganizing),
->>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
     }
 }
 
@@ -154,12 +144,9 @@ impl Form {
             Self::Herb(form) => form.check(),
             Self::Lsystem(form) => form.check(),
             Self::Posture(form) => form.check(),
-<<<<<<< HEAD
             Self::Semantic(form) => form.check(),
             Self::Model(_) => Problems::new(),
-=======
             Self::SelfOrganizing(form) => form.check(),
->>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
         }
     }
 
@@ -172,15 +159,12 @@ impl Form {
             Self::Herb(form) => Ok(form.grow(stature, seed)),
             Self::Lsystem(form) => form.grow(stature, seed),
             Self::Posture(form) => form.grow(age, stature, seed),
-<<<<<<< HEAD
             Self::Semantic(form) => form.grow(stature, seed),
             Self::Model(form) => {
                 let what = "a model from a file has no skeleton";
                 Err(Problem::at(form.file.span, what).hint("it can be scaled, but not grown"))
             }
-=======
             Self::SelfOrganizing(form) => form.grow(age, stature, seed),
->>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
         }
     }
 }

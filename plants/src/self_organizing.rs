@@ -243,7 +243,8 @@ impl SelfOrganizing {
         }
         if markers.count > 0 && markers.space.is_empty() {
             let what = "markers need a `space`";
-            let hint = "for instance space = [{ shape = 'ball', center = [0, 0, 20], radius = 15 }]";
+            let hint =
+                "for instance space = [{ shape = 'ball', center = [0, 0, 20], radius = 15 }]";
             problems.push(Problem::new(what).hint(hint));
         }
         problems

@@ -416,9 +416,9 @@ mod tests {
 
     #[test]
     fn points_drawn_from_a_sector_lie_in_it_and_fill_it_evenly() {
-        let Solid::Sector(sector) =
-            solid("shape = 'sector'\ncenter = [1, 2, 3]\nradius = 2\nhalf_angle_deg = 70\naxis = [1, 1, 0]")
-        else {
+        let Solid::Sector(sector) = solid(
+            "shape = 'sector'\ncenter = [1, 2, 3]\nradius = 2\nhalf_angle_deg = 70\naxis = [1, 1, 0]",
+        ) else {
             panic!()
         };
         let mut stream = Seed(5).stream("s", 0);

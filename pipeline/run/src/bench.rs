@@ -128,15 +128,12 @@ pub fn bench(request: &Request) -> Result<Figures> {
             Stage::Quantize => figures.extend(quantize::vector_quantization(&size, input)?),
             Stage::Plants => {
                 figures.push(plants::triangles(&size, &species)?);
-<<<<<<< HEAD
                 figures.extend(plants::black_oak(&size, &species)?);
                 if !request.quick {
                     figures.push(plants::many_trees(&size, &species)?);
-=======
                 // Seconds each: only for who asks for this stage.
                 if request.quick || request.only.is_some() {
                     figures.extend(growing_trees::figures(&size, request.quick)?);
->>>>>>> f1a9fb3 (plants: Self-organizing trees grow by competition for space and light)
                 }
                 figures.extend(semantic_trees::edits(&size)?);
             }

@@ -136,7 +136,8 @@ impl<'a> Garden<'a> {
             self.grow_cycle()?;
         }
         let whole = libm::ceilf(cycles) - 1.0;
-        self.fraction = if self.cycle as f32 > whole { (cycles - whole).clamp(0.0, 1.0) } else { 1.0 };
+        self.fraction =
+            if self.cycle as f32 > whole { (cycles - whole).clamp(0.0, 1.0) } else { 1.0 };
         self.members.iter_mut().for_each(|member| member.plant.gather_pipes());
         Ok(())
     }
@@ -278,11 +279,8 @@ impl<'a> Garden<'a> {
             let ratio = plant.gathered[metamer] / plant.count[metamer] as f32;
             let base = &mut plant.metamers[metamer];
             let is_young = u32::from(base.born) + 1 >= cycle;
-            base.starving = if ratio < form.shed && !is_young {
-                base.starving.saturating_add(1)
-            } else {
-                0
-            };
+            base.starving =
+                if ratio < form.shed && !is_young { base.starving.saturating_add(1) } else { 0 };
             if u32::from(base.starving) >= form.shed_after {
                 marked[metamer] = true;
                 any = true;

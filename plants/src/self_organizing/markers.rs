@@ -56,7 +56,8 @@ impl MarkerSet {
     /// Markers at given places, for buds that see as far as `sight`.
     pub fn new(places: Vec<Vec3>, sight: f32) -> Self {
         let around = places.iter().fold(Bounds::NONE, |sum, p| sum.with_point(*p));
-        let around = if places.is_empty() { Bounds { low: Vec3::ZERO, high: Vec3::ZERO } } else { around };
+        let around =
+            if places.is_empty() { Bounds { low: Vec3::ZERO, high: Vec3::ZERO } } else { around };
         let extent = around.high - around.low;
         // Cells of half the sight: a cone of a quarter turn then meets about as much empty
         // corner as with smaller cells, which cost more looking up. A lone far marker must not
@@ -79,7 +80,8 @@ impl MarkerSet {
 
     /// Sorts markers into cells, keeping their order within a cell.
     fn fill(&mut self, places: &[Vec3]) {
-        let cells: Vec<u32> = places.iter().map(|p| self.cell_index(self.cell_of(*p)) as u32).collect();
+        let cells: Vec<u32> =
+            places.iter().map(|p| self.cell_index(self.cell_of(*p)) as u32).collect();
         for cell in &cells {
             self.alive[*cell as usize] += 1;
         }
@@ -192,7 +194,13 @@ impl MarkerSet {
 
     /// Calls `visit` with the index and squared distance of each marker that a bud sees.
     #[inline]
-    fn seen(&self, seeker: &Seeker, sight: f32, half_angle: f32, mut visit: impl FnMut(usize, f32)) {
+    fn seen(
+        &self,
+        seeker: &Seeker,
+        sight: f32,
+        half_angle: f32,
+        mut visit: impl FnMut(usize, f32),
+    ) {
         let Seeker { at, direction } = *seeker;
         let cos = libm::cosf(half_angle);
         let (cos2, sight2) = (cos * cos.abs(), sight * sight);
@@ -211,7 +219,8 @@ impl MarkerSet {
                 let distance2 = to.length_squared();
                 let along = to.dot(direction);
                 // cos(angle) >= cos(half), squared with its sign so that no root is needed.
-                if distance2 <= sight2 && distance2 > 0.0 && along * along.abs() >= cos2 * distance2 {
+                if distance2 <= sight2 && distance2 > 0.0 && along * along.abs() >= cos2 * distance2
+                {
                     visit(first + i, distance2);
                 }
             }

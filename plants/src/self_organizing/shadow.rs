@@ -76,8 +76,7 @@ impl ShadowGrid {
             let half = libm::floorf(below as f32 * self.shadows.spread) as i32;
             let side = -half..=half;
             let cells = side.clone().flat_map(|j| side.clone().map(move |i| (i, j)));
-            let shadow: Vec<i64> =
-                cells.map(|(i, j)| self.shadow_of(i, j, below)).collect();
+            let shadow: Vec<i64> = cells.map(|(i, j)| self.shadow_of(i, j, below)).collect();
             if shadow.iter().all(|shadow| *shadow == 0) {
                 continue;
             }

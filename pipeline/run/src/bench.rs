@@ -131,6 +131,7 @@ pub fn bench(request: &Request) -> Result<Figures> {
                 figures.extend(plants::black_oak(&size, &species)?);
                 if !request.quick {
                     figures.push(plants::many_trees(&size, &species)?);
+                }
                 // Seconds each: only for who asks for this stage.
                 if request.quick || request.only.is_some() {
                     figures.extend(growing_trees::figures(&size, request.quick)?);

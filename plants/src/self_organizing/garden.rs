@@ -272,7 +272,7 @@ impl<'a> Garden<'a> {
         let mut marked = vec![false; plant.metamers.len()];
         let mut any = false;
         // What has grown in this cycle has not been weighed.
-        for metamer in 0..plant.gathered.len() {
+        for (metamer, mark) in marked.iter_mut().enumerate().take(plant.gathered.len()) {
             if !plant.begins_branch(metamer) {
                 continue;
             }
@@ -282,7 +282,7 @@ impl<'a> Garden<'a> {
             base.starving =
                 if ratio < form.shed && !is_young { base.starving.saturating_add(1) } else { 0 };
             if u32::from(base.starving) >= form.shed_after {
-                marked[metamer] = true;
+                *mark = true;
                 any = true;
             }
         }

@@ -4,6 +4,7 @@
 //! [`notation`] reads the values of parameters, [`tree`] holds the branches, [`script`] edits
 //! them. A finished tree is a [`Skeleton`] like that of any other generator.
 
+pub mod camera;
 pub mod notation;
 pub mod script;
 pub mod tree;

@@ -1,9 +1,10 @@
 //! The edit script: one operation a line, each undoable.
 
+use super::camera::Camera;
 use super::notation::Distribution;
 use super::tree::{ANCHOR_EDITED, ChildSet, NAMES, RANGES, ROTATE, Style, Tree, point_at};
-use glam::{Quat, Vec3};
-use std::collections::{BTreeSet, HashMap};
+use glam::{Quat, Vec2, Vec3};
+use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
 
 /// What an edit script does to a tree, and what it can take back.
@@ -21,7 +22,11 @@ struct State {
     same_level: bool,
     recursive: bool,
     by_tag: bool,
+    cameras: BTreeMap<String, Camera>,
 }
+
+/// Half the width of the polygon that a sweep of the mouse makes, of the picture's width.
+const SWEEP: f32 = 0.003;
 
 /// What is wrong with a line.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -41,7 +46,7 @@ fn wrong<T>(token: &str, what: impl Into<String>) -> Result<T> {
     Err((token.into(), what.into()))
 }
 
-const OPERATIONS: &str = "tree, cps, select, mode, limit, set, move, rotate, sketch, saw, delete, \
+const OPERATIONS: &str = "tree, camera, cps, select, mode, limit, set, move, rotate, sketch, saw, delete, \
                           tag, assign, radii, undo and redo";
 
 impl Editor {
@@ -49,7 +54,14 @@ impl Editor {
     pub fn new(seed: u64) -> Self {
         let tree = Tree::new(seed);
         let selected = vec![0];
-        let state = State { tree, selected, same_level: false, recursive: false, by_tag: false };
+        let state = State {
+            tree,
+            selected,
+            same_level: false,
+            recursive: false,
+            by_tag: false,
+            cameras: BTreeMap::new(),
+        };
         Self { state, undone: Vec::new(), done: Vec::new() }
     }
 
@@ -117,6 +129,31 @@ impl State {
             ("cps", [name, "on", selector, settings @ ..]) => {
                 self.add_set(name, selector, settings)
             }
+            ("camera", [name, "eye", eye, "target", target, "fov", fov]) => {
+                let angle = number(fov)?;
+                if !(1.0..=170.0).contains(&angle) {
+                    return wrong(fov, "the angle of view is 1 to 170 degrees");
+                }
+                let camera = Camera::new(vector(eye)?, vector(target)?, angle.to_radians());
+                let Some(camera) = camera else {
+                    return wrong(target, "the eye and the target are the same place");
+                };
+                self.cameras.insert((*name).into(), camera);
+                Ok(())
+            }
+            ("select", ["crossing", camera, from, to]) => {
+                let (camera, sweep) = (self.camera(camera)?, [spot(from)?, spot(to)?]);
+                let hit = |&id: &u32| {
+                    let branch = self.tree.get(id);
+                    camera.crosses(&branch.points, &branch.radii, sweep, SWEEP)
+                };
+                let found: Vec<u32> = self.tree.all().into_iter().filter(hit).collect();
+                if found.is_empty() {
+                    return wrong("crossing", "no branch is crossed");
+                }
+                self.selected = found;
+                Ok(())
+            }
             ("select", [selector, ..]) => {
                 self.selected = self.pick(selector, words.get(1).copied())?;
                 Ok(())
@@ -143,7 +180,24 @@ impl State {
                 let parent = self.id(id)?;
                 self.sketch(Some((parent, anchor)), points)
             }
-            ("saw", ["at", at]) => self.saw(at),
+            ("sketch", ["on", id, "camera", camera, "points", count, path @ ..]) => {
+                let parent = self.id(id)?;
+                self.sketch_seen(parent, camera, count, path)
+            }
+            ("saw", ["at", at]) => {
+                let cut = number(at)?;
+                if !(0.01..1.0).contains(&cut) {
+                    return wrong(at, "a branch is cut at 0.01 to 1 of its control points");
+                }
+                self.saw(|_| cut)
+            }
+            ("saw", ["camera", camera, at]) => {
+                let (camera, at) = (self.camera(camera)?, spot(at)?);
+                self.saw(|points| {
+                    let seen = camera.nearest(points, at);
+                    seen.map_or(0.99, |seen| seen.anchor).clamp(0.01, 0.99)
+                })
+            }
             ("delete", []) => self.delete(),
             ("tag", [name]) => self.each(|branch| branch.tag = Some((*name).into())),
             ("assign", [name]) => self.assign(name),
@@ -424,23 +478,28 @@ impl State {
     }
 
     fn sketch(&mut self, on: Option<(u32, &str)>, points: &[&str]) -> Result<()> {
-        let mut places = points.iter().map(|text| vector(text)).collect::<Result<Vec<_>>>()?;
-        if places.len() < 2 {
-            return wrong(&points.join(" "), "a sketch has at least two points x,y,z");
-        }
-        if places.windows(2).any(|pair| pair[0].distance(pair[1]) < 1e-4) {
-            return wrong(&points.join(" "), "points lie less than 0.1 mm apart");
-        }
-        let (parent, anchor) = match on {
+        let places = points.iter().map(|text| vector(text)).collect::<Result<Vec<_>>>()?;
+        match on {
             None if self.tree.root.is_some() => {
-                return wrong("trunk", "there is a trunk; delete it before sketching another");
+                wrong("trunk", "there is a trunk; delete it before sketching another")
             }
-            None => (None, 0.0),
+            None => self.draw(None, places),
             Some((parent, anchor)) => {
                 let value = ranged("anchor", anchor, [0.0, 1.0])?.from[0];
-                (Some(parent), value)
+                self.draw(Some((parent, value)), places)
             }
-        };
+        }
+    }
+
+    /// Adds a branch through places that are moved to begin on the parent.
+    fn draw(&mut self, on: Option<(u32, f32)>, mut places: Vec<Vec3>) -> Result<()> {
+        if !(2..=64).contains(&places.len()) {
+            return wrong("sketch", "a branch has 2 to 64 points x,y,z");
+        }
+        if places.windows(2).any(|pair| pair[0].distance(pair[1]) < 1e-4) {
+            return wrong("sketch", "points lie less than 0.1 mm apart");
+        }
+        let (parent, anchor) = (on.map(|(parent, _)| parent), on.map_or(0.0, |(_, at)| at));
         let start = parent.map_or(Vec3::ZERO, |id| point_at(&self.tree.get(id).points, anchor).0);
         let by = start - places[0];
         places.iter_mut().for_each(|place| *place += by);
@@ -450,17 +509,45 @@ impl State {
         Ok(())
     }
 
-    fn saw(&mut self, at: &str) -> Result<()> {
-        let cut = number(at)?;
-        if !(0.01..1.0).contains(&cut) {
-            return wrong(at, "a branch is cut at 0.01 to 1 of its control points");
-        }
+    fn camera(&self, name: &str) -> Result<Camera> {
+        let names: Vec<&str> = self.cameras.keys().map(String::as_str).collect();
+        let unknown = || wrong(name, format!("no such camera; there are: {}", names.join(", ")));
+        self.cameras.get(name).copied().map_or_else(unknown, Ok)
+    }
+
+    /// Draws a branch along a path of the mouse, in the plane of the picture through its start.
+    fn sketch_seen(&mut self, id: u32, camera: &str, count: &str, path: &[&str]) -> Result<()> {
+        let camera = self.camera(camera)?;
+        let wanted = count.parse().ok().filter(|count| (2..=64).contains(count));
+        let Some(count) = wanted else {
+            return wrong(count, "a branch has 2 to 64 control points");
+        };
+        let path = path.iter().map(|text| spot(text)).collect::<Result<Vec<Vec2>>>()?;
+        let [first, _, ..] = path[..] else {
+            return wrong("sketch", "a path has at least two places x,y");
+        };
+        let points = &self.tree.get(id).points;
+        let Some(seen) = camera.nearest(points, first) else {
+            return wrong("sketch", "the parent is behind the camera");
+        };
+        let start = point_at(points, seen.anchor).0;
+        // Control points are taken at equal steps of the recorded path.
+        let along = |i: usize| {
+            let at = (i * (path.len() - 1)) as f32 / (count - 1) as f32;
+            let k = (at as usize).min(path.len() - 2);
+            camera.in_plane(path[k].lerp(path[k + 1], at - k as f32), start)
+        };
+        self.draw(Some((id, seen.anchor)), (0..count).map(along).collect())
+    }
+
+    fn saw(&mut self, cut_of: impl Fn(&[Vec3]) -> f32) -> Result<()> {
         let ids = self.affected()?;
         for &id in &ids {
             if self.tree.branches[id as usize].is_none() {
                 continue;
             }
             let branch = self.tree.get(id);
+            let cut = cut_of(&branch.points);
             let (end, _) = point_at(&branch.points, cut);
             let j = cut * (branch.points.len() - 1) as f32;
             let mut points = branch.points[..j.ceil() as usize].to_vec();
@@ -588,5 +675,13 @@ fn vector(text: &str) -> Result<Vec3> {
     match parts[..] {
         [x, y, z] => Ok(Vec3::new(x, y, z)),
         _ => wrong(text, "a vector is x,y,z"),
+    }
+}
+
+fn spot(text: &str) -> Result<Vec2> {
+    let parts = text.split(',').map(number).collect::<Result<Vec<_>>>()?;
+    match parts[..] {
+        [x, y] => Ok(Vec2::new(x, y)),
+        _ => wrong(text, "a place in a picture is x,y, both 0 to 1 from its upper left"),
     }
 }

@@ -119,6 +119,36 @@ fn sawing_removes_what_is_beyond_and_a_trunk_can_be_sketched_anew() {
 }
 
 #[test]
+fn a_camera_crosses_sketches_in_its_plane_and_saws() {
+    let mut editor = Editor::new(1);
+    // The trunk of 1 m fills the middle half of a picture 2 m wide.
+    editor.run("camera A eye 0,-10,0.5 target 0,0,0.5 fov 11.4212").unwrap();
+    editor.run("select crossing A 0.4,0.5 0.6,0.5").unwrap();
+    assert_eq!(editor.selected(), [0]);
+    assert!(editor.run("select crossing A 0.7,0.5 0.8,0.5").is_err());
+    editor.run("sketch on #0 camera A points 5 0.5,0.5 0.6,0.45 0.7,0.3 0.75,0.2").unwrap();
+    let branch = editor.tree().get(editor.selected()[0]).clone();
+    assert_eq!(branch.points.len(), 5);
+    assert!((branch.anchor - 0.5).abs() < 1e-3);
+    assert!(branch.points.iter().all(|point| point.y.abs() < 1e-4));
+    assert!((branch.points[4] - Vec3::new(0.5, 0.0, 1.1)).length() < 1e-2);
+    editor.run("select trunk\nsaw camera A 0.5,0.375").unwrap();
+    let trunk = editor.tree().get(0);
+    assert!((trunk.value(super::tree::LENGTH) - 0.75).abs() < 1e-3);
+    assert_eq!(trunk.children.len(), 1);
+}
+
+#[test]
+fn a_limit_to_tags_leaves_others_alone() {
+    let mut editor = small();
+    editor.run("select path trunk/main/0\ntag a\nselect path trunk/main/1\ntag a").unwrap();
+    editor.run("mode same_level on\nlimit tag on\nset length 0.9").unwrap();
+    let tree = editor.tree();
+    let long = tree.all().into_iter().filter(|&id| tree.get(id).value(super::tree::LENGTH) == 0.9);
+    assert_eq!(long.count(), 2);
+}
+
+#[test]
 fn a_wrong_line_names_itself_and_changes_nothing() {
     for line in [
         "fly",
@@ -135,6 +165,8 @@ fn a_wrong_line_names_itself_and_changes_nothing() {
         "cps main on trunk count 2",
         "sketch trunk 0,0,0 0,0,1",
         "radii calculate law 9",
+        "camera A eye 0,0,0 target 0,0,0 fov 40",
+        "select crossing B 0,0 1,1",
         "cps x on trunk count 1e9",
     ] {
         let mut editor = small();

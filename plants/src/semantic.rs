@@ -5,6 +5,7 @@
 //! them. A finished tree is a [`Skeleton`] like that of any other generator.
 
 pub mod camera;
+pub mod import;
 pub mod notation;
 pub mod script;
 pub mod tree;

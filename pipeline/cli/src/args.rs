@@ -246,6 +246,7 @@ Examples:
   weald plants edit hazel                       counts beside the paper's
   weald plants edit plane -o plane.glb          a model and its portrait
   weald plants edit mine.tree -o mine.png --watch
+  weald plants edit prune.tree --from oak --age 60 -o oak.glb
 
 The program has hazel, oak, silver_linden, poplar, ash, beech, maple, birch and plane.
 docs/semantic-trees.md describes the operations.")]
@@ -262,6 +263,12 @@ pub struct EditTree {
     /// tree is only counted.
     #[arg(long, short, value_name = "PATH", value_hint = ValueHint::AnyPath)]
     pub output: Option<PathBuf>,
+    /// Edit a tree of this species instead of beginning with a trunk.
+    #[arg(long, value_name = "SPECIES", value_hint = ValueHint::FilePath)]
+    pub from: Option<String>,
+    /// Age of that tree, years.
+    #[arg(long, default_value_t = 20.0, value_name = "YEARS", requires = "from")]
+    pub age: f32,
     /// Run the script again whenever it is saved.
     #[arg(long)]
     pub watch: bool,

@@ -238,7 +238,9 @@ fn watch(arguments: &args::Run, global: &Global) -> Result<ExitCode> {
 /// `weald plants edit`, once or after each save.
 fn edit_tree(arguments: &args::EditTree, global: &Global) -> Result<ExitCode> {
     let seed = global.seed.unwrap_or(0);
-    let wanted = semantic::Wanted { seed, side: arguments.side, samples: arguments.samples };
+    let from = arguments.from.clone().map(|species| (species, arguments.age));
+    let (side, samples) = (arguments.side, arguments.samples);
+    let wanted = semantic::Wanted { seed, from, side, samples };
     let output = arguments.output.as_deref();
     let once =
         || one_stage(global, |shown| semantic::edit(&arguments.script, &wanted, output, shown));

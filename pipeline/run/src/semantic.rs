@@ -6,13 +6,16 @@ use crate::files;
 use crate::make::{Made, make_folder_of};
 use crate::portrait::portrait;
 use crate::recipe::Stage;
+use crate::specimen::{skeleton_at, species_given};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::Path;
-use weald_contract::{Progress, Written};
+use weald_contract::{Progress, Seed, Written};
 use weald_plants::material::LeafColor;
 use weald_plants::organ::LeafShape;
+use weald_plants::semantic::import::tree_of;
 use weald_plants::semantic::script::Editor;
+use weald_plants::semantic::tree::Tree;
 use weald_plants::semantic::trees::{Example, TREES};
 use weald_plants::semantic::{Semantic, Statistics};
 
@@ -21,6 +24,9 @@ use weald_plants::semantic::{Semantic, Statistics};
 pub struct Wanted {
     /// Chance of the tree, unless the script names one.
     pub seed: u64,
+    /// Species of this program or file whose tree is edited, and its age, years; none for a trunk
+    /// alone.
+    pub from: Option<(String, f32)>,
     /// Side of the portrait, pixels.
     pub side: u32,
     /// Light paths a pixel of it.
@@ -47,7 +53,10 @@ pub fn edit(
         Some(example) => example.script.to_string(),
         None => read(script)?,
     };
-    let mut editor = Editor::new(wanted.seed);
+    let mut editor = match &wanted.from {
+        Some((species, age)) => Editor::of(imported(species, *age, wanted.seed)?),
+        None => Editor::new(wanted.seed),
+    };
     let operations = editor.run(&text).map_err(|error| {
         Error::plain(format!("{script}: {error}"), "the lines before it are right")
     })?;
@@ -84,6 +93,20 @@ pub fn edit(
     weald_formats::write_png(&preview, picture.width, picture.height, &picture.rgb, &told)?;
     made.files.push(preview);
     Ok(made)
+}
+
+/// A tree of a species, as entities.
+fn imported(species: &str, age: f32, seed: u64) -> Result<Tree> {
+    let (sources, name, found) = species_given(species)?;
+    if found.form.is_none() {
+        let hint = "name one of its members";
+        return Err(Error::plain(format!("`{name}` is a patch of other plants"), hint));
+    }
+    let chance = Seed(seed).part(Stage::Plants.word(), 0);
+    let skeleton = skeleton_at(&sources, &name, &found, [age, 1.0], chance)?;
+    tree_of(&skeleton, seed).map_err(|what| {
+        Error::plain(format!("{name} cannot be edited: {what}"), "name a tree, for instance oak")
+    })
 }
 
 fn read(script: &str) -> Result<String> {

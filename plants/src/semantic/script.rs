@@ -65,6 +65,14 @@ impl Editor {
         Self { state, undone: Vec::new(), done: Vec::new() }
     }
 
+    /// A tree from elsewhere, its trunk selected.
+    pub fn of(tree: Tree) -> Self {
+        let mut editor = Self::new(tree.seed);
+        editor.state.selected = tree.root.into_iter().collect();
+        editor.state.tree = tree;
+        editor
+    }
+
     /// The tree as edited so far.
     pub fn tree(&self) -> &Tree {
         &self.state.tree
@@ -443,6 +451,9 @@ impl State {
         for &id in &ids {
             let mut points = self.tree.get(id).points.to_vec();
             points[index..].iter_mut().for_each(|point| *point += by);
+            if index == 0 && self.tree.root == Some(id) {
+                self.tree.foot += by;
+            }
             if let (0, Some(parent)) = (index, self.tree.get(id).parent) {
                 let anchor = nearest(&self.tree.get(parent).points, points[0]);
                 let branch = self.tree.get_mut(id);
@@ -500,7 +511,8 @@ impl State {
             return wrong("sketch", "points lie less than 0.1 mm apart");
         }
         let (parent, anchor) = (on.map(|(parent, _)| parent), on.map_or(0.0, |(_, at)| at));
-        let start = parent.map_or(Vec3::ZERO, |id| point_at(&self.tree.get(id).points, anchor).0);
+        let start =
+            parent.map_or(self.tree.foot, |id| point_at(&self.tree.get(id).points, anchor).0);
         let by = start - places[0];
         places.iter_mut().for_each(|place| *place += by);
         let id = self.tree.graft(parent, anchor, &places);
@@ -620,7 +632,7 @@ impl State {
 }
 
 /// Anchor of the point of a polygon that is nearest to `place`.
-fn nearest(points: &[Vec3], place: Vec3) -> f32 {
+pub(super) fn nearest(points: &[Vec3], place: Vec3) -> f32 {
     let on_segment = |(k, pair): (usize, &[Vec3])| {
         let along = pair[1] - pair[0];
         let u = (place - pair[0]).dot(along) / along.length_squared().max(f32::MIN_POSITIVE);

@@ -139,6 +139,55 @@ fn a_camera_crosses_sketches_in_its_plane_and_saws() {
 }
 
 #[test]
+fn a_bent_trunk_stays_where_it_was_moved() {
+    let mut editor = Editor::new(1);
+    let before = editor.tree().get(0).points.clone();
+    editor.run("move point 1 by 0.3,0.1,0").unwrap();
+    for (i, (new, old)) in editor.tree().get(0).points.iter().zip(&before).enumerate() {
+        let by = if i == 0 { Vec3::ZERO } else { Vec3::new(0.3, 0.1, 0.0) };
+        assert!((*new - *old - by).length() < 1e-5, "point {i} is at {new}");
+    }
+}
+
+#[test]
+fn imported_weber_penn_trees_keep_counts_lengths_and_places() {
+    use weald_contract::{FromToml, Representative, Seed, Value};
+    for text in [
+        include_str!("../../../scenes/species/tupelo.toml"),
+        include_str!("../../../scenes/species/quaking_aspen.toml"),
+    ] {
+        let species =
+            weald_contract::Species::read(&Value::parse(0, text).unwrap(), &mut Vec::new());
+        let species = species.unwrap();
+        let form = crate::Form::from_toml(species.form.as_ref().unwrap(), &mut Vec::new()).unwrap();
+        let (height, radius) = (species.size.height, species.size.crown_radius);
+        let (id, weight, count) = (1, 1.0, 1);
+        let (age, vigor) = (1e4, 1.0);
+        let name = "tree".to_string();
+        let plant = Representative { id, species: name, age, vigor, height, radius, weight, count };
+        let skeleton = crate::skeleton(&form, &species.size, &plant, Seed(3)).unwrap();
+        let tree = super::import::tree_of(&skeleton, 3).unwrap();
+        assert_eq!(tree.all().len(), skeleton.axes.len());
+        let leaves: usize = tree.all().iter().map(|&id| tree.get(id).leaf_count()).sum();
+        let borne = skeleton
+            .organs
+            .iter()
+            .filter(|o| skeleton.prototypes[o.prototype as usize].name != "scar");
+        assert_eq!(leaves, borne.count());
+        for (id, axis) in skeleton.axes.iter().enumerate() {
+            let branch = tree.get(id as u32);
+            let nodes = skeleton.nodes_of(axis);
+            let length: f32 = nodes.windows(2).map(|p| p[0].position.distance(p[1].position)).sum();
+            let deduced = branch.value(super::tree::LENGTH);
+            assert!((deduced - length).abs() < 1e-3 + 1e-3 * length, "{deduced} m for {length} m");
+            // The contract lets a child begin a thousandth of its parent's length off.
+            let far = nodes[0].position.distance(branch.points[0]);
+            assert!(far < 1e-3 * height, "{far} m off");
+        }
+    }
+}
+
+#[test]
 fn a_limit_to_tags_leaves_others_alone() {
     let mut editor = small();
     editor.run("select path trunk/main/0\ntag a\nselect path trunk/main/1\ntag a").unwrap();

@@ -55,9 +55,11 @@ const MIN_RADIUS: usize = 5;
 const ANGLE: usize = 6;
 /// Index of the angle between siblings.
 pub const ROTATE: usize = 7;
-const LEAVES: usize = 8;
+/// Index of the number of leaves.
+pub const LEAVES: usize = 8;
 const LEAF_ANCHOR: usize = 9;
-const LEAF_SIZE: usize = 10;
+/// Index of their length.
+pub const LEAF_SIZE: usize = 10;
 const LEAF_ANGLE: usize = 11;
 const LEAF_ROTATE: usize = 12;
 /// Bit of an anchor that was edited.
@@ -141,6 +143,11 @@ impl Branch {
         value.clamp(RANGES[parameter][0], RANGES[parameter][1])
     }
 
+    /// Angle against the parent, degrees; a trunk has none to lean from.
+    fn lean(&self) -> f32 {
+        if self.parent.is_some() { self.value(ANGLE) } else { 0.0 }
+    }
+
     /// Number of leaves.
     pub fn leaf_count(&self) -> usize {
         self.value(LEAVES).round() as usize
@@ -205,6 +212,8 @@ pub struct Tree {
     pub root: Option<u32>,
     /// Chance of all births.
     pub seed: u64,
+    /// Where the trunk begins; imported ones may begin below the ground.
+    pub foot: Vec3,
     /// Branches rebuilt since the tree began.
     pub rebuilt: u64,
 }
@@ -212,7 +221,8 @@ pub struct Tree {
 impl Tree {
     /// A trunk.
     pub fn new(seed: u64) -> Self {
-        let mut tree = Self { branches: Vec::new(), root: None, seed, rebuilt: 0 };
+        let mut tree =
+            Self { branches: Vec::new(), root: None, seed, foot: Vec3::ZERO, rebuilt: 0 };
         tree.root = Some(tree.born(None, 0, 0.0, Arc::default()));
         tree.rebuild(0);
         tree
@@ -268,6 +278,30 @@ impl Tree {
 
     /// Puts a branch with a shape of its own on a parent; the shape's points are in the world.
     pub fn graft(&mut self, parent: Option<u32>, anchor: f32, points: &[Vec3]) -> u32 {
+        let id = self.graft_last(parent, anchor, points);
+        if let Some(parent) = parent {
+            self.finish_grafts(parent);
+        }
+        id
+    }
+
+    /// Brings a branch's children in order, and its counts up to date.
+    pub(super) fn finish_grafts(&mut self, id: u32) {
+        if !self.get(id).children.is_empty() {
+            self.sort_children(id);
+            self.recount(id);
+        }
+    }
+
+    /// Makes radii a branch's own.
+    pub(super) fn keep_radii(&mut self, id: u32, radii: Box<[f32]>) {
+        let branch = self.get_mut(id);
+        branch.radii = radii;
+        branch.edited |= RADII_EDITED;
+    }
+
+    /// As [`Tree::graft`], but leaves the parent's children unsorted and uncounted.
+    pub(super) fn graft_last(&mut self, parent: Option<u32>, anchor: f32, points: &[Vec3]) -> u32 {
         let style = match parent {
             Some(parent) => {
                 let bearer = self.get_mut(parent);
@@ -290,8 +324,6 @@ impl Tree {
         match parent {
             Some(parent) => {
                 self.get_mut(parent).children.push(id);
-                self.sort_children(parent);
-                self.recount(parent);
             }
             None => self.root = Some(id),
         }
@@ -321,14 +353,14 @@ impl Tree {
         };
         set(branch, LENGTH, length);
         set(branch, ANGLE, first.angle_between(tangent).to_degrees());
-        let frame = attached(tangent, branch.roll, branch.value(ANGLE)).inverse();
+        let frame = attached(tangent, branch.roll, branch.lean()).inverse();
         branch.shape = Some(points.iter().map(|&point| frame * (point - points[0])).collect());
     }
 
     /// Where a branch begins, and the direction of its parent there.
     fn foot(&self, id: u32) -> (Vec3, Vec3) {
         let branch = self.get(id);
-        branch.parent.map_or((Vec3::ZERO, Vec3::Z), |parent| {
+        branch.parent.map_or((self.foot, Vec3::Z), |parent| {
             point_at(&self.get(parent).points, branch.anchor)
         })
     }
@@ -452,11 +484,7 @@ impl Tree {
             0.95 * radius_at(&parent.radii, self.get(id).anchor)
         });
         let branch = self.get_mut(id);
-        let frame = attached(
-            tangent,
-            branch.roll,
-            if branch.parent.is_some() { branch.value(ANGLE) } else { 0.0 },
-        );
+        let frame = attached(tangent, branch.roll, branch.lean());
         branch.points = match &branch.shape {
             Some(shape) => {
                 let own: f32 = shape.windows(2).map(|pair| pair[0].distance(pair[1])).sum();

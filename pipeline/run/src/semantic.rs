@@ -83,7 +83,7 @@ pub fn edit(
     };
     let model = weald_plants::mesh::model(script, &form.skeleton(editor.tree(), 1.0, 1.0));
     make_folder_of(file)?;
-    let told = story(Stage::Plants, json!({ "script": text }), wanted.seed);
+    let told = story(Stage::Plants, json!({ "script": text, "from": wanted.from }), wanted.seed);
     if !is_picture {
         weald_formats::write_plant(file, &model, &told)?;
         made.files.push(file.into());

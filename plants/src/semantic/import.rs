@@ -4,7 +4,7 @@
 //! sketched; so counts, lengths and places are those of the other generator.
 
 use super::notation::Distribution;
-use super::tree::{LEAF_SIZE, LEAVES, MOST_BRANCHES, Tree, point_at};
+use super::tree::{LEAF_SIZE, LEAVES, MOST_BRANCHES, Tree};
 use crate::skeleton::Skeleton;
 use glam::Vec3;
 use std::sync::Arc;
@@ -69,6 +69,7 @@ fn bear_leaves(tree: &mut Tree, skeleton: &Skeleton) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::semantic::tree::point_at;
     use crate::skeleton::{Axis, AxisKind, Node};
 
     #[test]

@@ -36,12 +36,25 @@ table! {
     }
 }
 
+/// Most leaves of a tree that is drawn: ten times the richest of the paper, some 300 MB.
+pub const MOST_LEAVES: usize = 4_000_000;
+
 impl Semantic {
     /// Everything wrong with the script and the colours.
     pub fn check(&self) -> Problems {
         let mut problems = self.leaf_color.check();
-        if let Err(error) = Editor::new(0).run(&self.script.value) {
-            problems.push(Problem::at(self.script.span, error.to_string()));
+        let mut editor = Editor::new(0);
+        let leaves = match editor.run(&self.script.value) {
+            Ok(_) => Statistics::of(editor.tree()).leaves,
+            Err(error) => {
+                problems.push(Problem::at(self.script.span, error.to_string()));
+                0
+            }
+        };
+        if leaves > MOST_LEAVES {
+            let what = format!("the tree would have {leaves} leaves");
+            let hint = format!("at most {MOST_LEAVES} are allowed");
+            problems.push(Problem::at(self.script.span, what).hint(hint));
         }
         problems
     }

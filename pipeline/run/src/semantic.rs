@@ -17,7 +17,7 @@ use weald_plants::semantic::import::tree_of;
 use weald_plants::semantic::script::Editor;
 use weald_plants::semantic::tree::Tree;
 use weald_plants::semantic::trees::{Example, TREES};
-use weald_plants::semantic::{Semantic, Statistics};
+use weald_plants::semantic::{MOST_LEAVES, Semantic, Statistics};
 
 /// What to do with an edit script.
 #[derive(Clone, Debug)]
@@ -74,6 +74,10 @@ pub fn edit(
         ..Made::default()
     };
     let Some(file) = output else { return Ok(made) };
+    if counted.leaves > MOST_LEAVES {
+        let what = format!("{script}: the tree has {} leaves", counted.leaves);
+        return Err(Error::plain(what, format!("at most {MOST_LEAVES} can be drawn")));
+    }
     let form = Semantic {
         script: Written { value: text.clone(), span: Default::default() },
         leaf_shape: LeafShape::Ovate,

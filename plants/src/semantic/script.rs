@@ -25,6 +25,9 @@ struct State {
     cameras: BTreeMap<String, Camera>,
 }
 
+/// Most branches that are kept for undo, some 300 bytes each: about a gigabyte.
+const MOST_KEPT: u64 = 3_000_000;
+
 /// Half the width of the polygon that a sweep of the mouse makes, of the picture's width.
 const SWEEP: f32 = 0.003;
 
@@ -104,6 +107,22 @@ impl Editor {
         Ok(operations)
     }
 
+    /// Forgets the oldest states when those that are kept grow beyond [`MOST_KEPT`].
+    fn forget(&mut self) {
+        let mut newer = &self.state;
+        let mut kept = 0;
+        let first = self.done.iter().rposition(|older| {
+            // What was rebuilt is not shared between the two states; the rest is a pointer each.
+            kept += newer.tree.rebuilt.saturating_sub(older.tree.rebuilt);
+            kept += older.tree.branches.len() as u64 / 32;
+            newer = older;
+            kept > MOST_KEPT
+        });
+        if let Some(first) = first {
+            self.done.drain(..=first);
+        }
+    }
+
     /// Does one operation; a wrong one leaves everything as it was.
     fn apply(&mut self, line: &str) -> Result<()> {
         let words: Vec<&str> = line.split_whitespace().collect();
@@ -115,6 +134,7 @@ impl Editor {
                 next.apply(words[0], &words[1..])?;
                 self.done.push(std::mem::replace(&mut self.state, next));
                 self.undone.clear();
+                self.forget();
                 return Ok(());
             }
         };

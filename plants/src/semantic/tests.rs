@@ -23,8 +23,8 @@ fn same(a: &Tree, b: &Tree) -> bool {
 
 #[test]
 fn the_nine_trees_have_the_papers_counts() {
-    for example in TREES {
-        let mut editor = Editor::new(1);
+    for (example, seed) in TREES.into_iter().flat_map(|tree| (1..5).map(move |seed| (tree, seed))) {
+        let mut editor = Editor::new(seed);
         let operations = editor.run(example.script).unwrap();
         let counted = Statistics::of(editor.tree());
         assert!(operations <= 40, "{}", example.name);
@@ -185,6 +185,19 @@ fn imported_weber_penn_trees_keep_counts_lengths_and_places() {
             assert!(far < 1e-3 * height, "{far} m off");
         }
     }
+}
+
+#[test]
+fn the_oldest_states_are_forgotten_when_many_branches_are_kept() {
+    let mut editor = Editor::new(1);
+    editor.run("cps a on trunk count 300\ncps b on level:1 count 300 length 0.1").unwrap();
+    editor.run("select trunk\nmode recursive on").unwrap();
+    for gnarl in 0..40 {
+        editor.run(&format!("set gnarl {gnarl}")).unwrap();
+    }
+    let undone = (0..40).take_while(|_| editor.run("undo").is_ok()).count();
+    // 90,301 branches and a 32nd of that a state: 32 states fit into three million.
+    assert_eq!(undone, 32);
 }
 
 #[test]

@@ -2,7 +2,10 @@
 
 use super::camera::Camera;
 use super::notation::Distribution;
-use super::tree::{ANCHOR_EDITED, ChildSet, NAMES, RANGES, ROTATE, Style, Tree, point_at};
+use super::tree::{
+    ANCHOR_EDITED, ChildSet, MIN_RADIUS, NAMES, POINTS, RADIUS, RANGES, ROTATE, Style, Tree,
+    point_at, radius_at,
+};
 use glam::{Quat, Vec2, Vec3};
 use std::collections::{BTreeMap, BTreeSet, HashMap};
 use std::sync::Arc;
@@ -373,6 +376,9 @@ impl State {
                 style.values[parameter] = value;
             }
         });
+        if settings.iter().any(|&(parameter, _)| [RADIUS, MIN_RADIUS].contains(&parameter)) {
+            ids.iter().for_each(|&id| self.tree.free_radii(id));
+        }
         // One branch that is edited by itself keeps its parameters when others change.
         if let [one] = ids[..] {
             for &(parameter, _) in &settings {
@@ -583,8 +589,8 @@ impl State {
             let (end, _) = point_at(&branch.points, cut);
             let j = cut * (branch.points.len() - 1) as f32;
             let mut points = branch.points[..j.ceil() as usize].to_vec();
-            let radius = branch.radii[j as usize]
-                + (branch.radii[j as usize + 1] - branch.radii[j as usize]) * j.fract();
+            let mut radii = branch.radii[..points.len()].to_vec();
+            radii.push(radius_at(&branch.radii, cut));
             points.push(end);
             for child in branch.children.clone() {
                 let anchor = self.tree.get(child).anchor;
@@ -600,9 +606,9 @@ impl State {
             self.tree.recount(id);
             let branch = self.tree.get_mut(id);
             let style = Arc::make_mut(&mut branch.style);
-            style.values[1] = Distribution::constant(points.len() as f32);
-            style.values[5] = Distribution::constant(radius);
-            branch.edited |= 1 << 1 | 1 << 5;
+            style.values[POINTS] = Distribution::constant(points.len() as f32);
+            branch.edited |= 1 << POINTS;
+            self.tree.keep_radii(id, radii.into());
             self.tree.reshape(id, &points);
         }
         let alive = |id: &u32| self.tree.branches[*id as usize].is_some();

@@ -103,6 +103,9 @@ fn da_vincis_law_keeps_the_area_of_sections() {
     // 1 trunk and 48 others end in tips of 2 mm.
     let expected = 0.002 * (49f32).sqrt();
     assert!((tree.get(0).radii[0] - expected).abs() < 1e-5);
+    assert!((tree.get(0).value(super::tree::RADIUS) - expected).abs() < 1e-5);
+    editor.run("set radius 0.05").unwrap();
+    assert_eq!(editor.tree().get(0).radii[0], 0.05);
 }
 
 #[test]
@@ -112,6 +115,9 @@ fn sawing_removes_what_is_beyond_and_a_trunk_can_be_sketched_anew() {
     let tree = editor.tree();
     assert!((tree.get(0).value(super::tree::LENGTH) - 0.5).abs() < 1e-4);
     assert!(tree.get(0).children.iter().all(|&child| tree.get(child).points[0].z <= 0.5 + 1e-4));
+    // Half of a trunk from 10 mm to 2 mm.
+    let cut = tree.get(0).radii.last().unwrap();
+    assert!((cut - 0.006).abs() < 1e-5 && tree.get(0).radii[0] == 0.01);
     editor.run("delete\nsketch trunk 0,0,0 0,0,1 0.2,0,2").unwrap();
     let tree = editor.tree();
     assert_eq!(tree.all().len(), 1);

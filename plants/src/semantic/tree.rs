@@ -47,11 +47,14 @@ const DEFAULTS: [f32; PARAMETERS] =
     [1.0, 5.0, 0.0, 0.0, 0.01, 0.002, 45.0, 137.5, 0.0, 0.5, 0.1, 45.0, 137.5];
 /// Index of the length.
 pub const LENGTH: usize = 0;
-const POINTS: usize = 1;
+/// Index of the number of control points.
+pub const POINTS: usize = 1;
 const GNARL: usize = 2;
 const GRAVITROPISM: usize = 3;
-const RADIUS: usize = 4;
-const MIN_RADIUS: usize = 5;
+/// Index of the radius at the start.
+pub const RADIUS: usize = 4;
+/// Index of the radius at the end.
+pub const MIN_RADIUS: usize = 5;
 const ANGLE: usize = 6;
 /// Index of the angle between siblings.
 pub const ROTATE: usize = 7;
@@ -296,8 +299,18 @@ impl Tree {
     /// Makes radii a branch's own.
     pub(super) fn keep_radii(&mut self, id: u32, radii: Box<[f32]>) {
         let branch = self.get_mut(id);
+        let style = Arc::make_mut(&mut branch.style);
+        style.values[RADIUS] = Distribution::constant(radii[0]);
+        style.values[MIN_RADIUS] = Distribution::constant(radii[radii.len() - 1]);
         branch.radii = radii;
-        branch.edited |= RADII_EDITED;
+        branch.edited |= RADII_EDITED | 1 << RADIUS | 1 << MIN_RADIUS;
+    }
+
+    /// Lets radii follow the parameters again.
+    pub(super) fn free_radii(&mut self, id: u32) {
+        if self.get(id).edited & RADII_EDITED != 0 {
+            self.get_mut(id).edited &= !RADII_EDITED;
+        }
     }
 
     /// As [`Tree::graft`], but leaves the parent's children unsorted and uncounted.
@@ -541,14 +554,13 @@ impl Tree {
                 radii[i] = sum.powf(1.0 / law);
             }
             sums.insert(id, sum);
-            let branch = self.get_mut(id);
-            branch.radii = radii.into();
-            branch.edited |= RADII_EDITED;
+            self.keep_radii(id, radii.into());
         }
     }
 }
 
-fn radius_at(radii: &[f32], anchor: f32) -> f32 {
+/// Radius at an anchor value, m.
+pub fn radius_at(radii: &[f32], anchor: f32) -> f32 {
     let j = anchor.clamp(0.0, 1.0) * (radii.len() - 1) as f32;
     let k = (j as usize).min(radii.len() - 2);
     radii[k] + (radii[k + 1] - radii[k]) * (j - k as f32)

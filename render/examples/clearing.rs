@@ -13,7 +13,7 @@ use weald_contract::{
     Crs, Frame, FromToml, Group, Instances, Layers, Material, Mesh, Organ, Palette, Placement,
     PlantModel, Problem, Representative, Seed, Silent, Surface, Value, View,
 };
-use weald_render::{Config, Parts, PrototypeSource, Scene, Sky, render, tone_map};
+use weald_render::{Config, Parts, PrototypeSource, Scene, Sky, SkyPictures, render, tone_map};
 
 /// Terrain of 160 m with a hollow and water in it; finer ground around the view.
 fn terrain() -> Layers {
@@ -269,6 +269,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         prototypes: &prototypes,
         objects: &[],
         species: &species,
+        sky_pictures: SkyPictures::default(),
     };
     let start = std::time::Instant::now();
     let scene = Scene::build(&parts, &Sky::clear_day(), &Silent)?;

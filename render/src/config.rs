@@ -1,6 +1,6 @@
 //! The tables `[render]` and `[sky]` of a scene.
 
-use weald_contract::{Problem, Problems, Span, View, Written, table};
+use weald_contract::{Input, InputKind, Problem, Problems, Span, View, Written, table};
 
 table! {
     /// How the picture is made.
@@ -38,6 +38,19 @@ table! {
         ground_albedo: f32 = 0.15, in 0.0..=1.0;
         /// Extinction of the air between things and the eye, 1/km; 0.1 is clear, 4 is fog.
         haze: f32 = 0.1, in 0.0..=1000.0;
+        /// A picture of the light from all directions, EXR, twice as wide as high, which takes the
+        /// place of sun and sky: its middle looks north, its top at the zenith.
+        image: Option<Written<String>> = None;
+        /// Turn of that picture, degrees clockwise seen from above.
+        image_turn_deg: f32 = 0.0, in -360.0..=360.0;
+        /// Factor that takes the picture's values to kcd/m².
+        image_gain: f32 = 1.0, in 0.0..=1000000.0;
+        /// A picture of clouds seen from above, north up, 0 clear to 1 thick; it repeats.
+        clouds: Option<Written<String>> = None;
+        /// Height of the clouds above the scene, m.
+        cloud_height: f32 = 1500.0, in 10.0..=100000.0;
+        /// Ground that a side of the picture of clouds covers, m.
+        cloud_size: f32 = 6000.0, in 10.0..=1000000.0;
     }
 }
 
@@ -100,7 +113,25 @@ impl Sky {
             turbidity: 3.0,
             ground_albedo: 0.15,
             haze: 0.1,
+            image: None,
+            image_turn_deg: 0.0,
+            image_gain: 1.0,
+            clouds: None,
+            cloud_height: 1500.0,
+            cloud_size: 6000.0,
         }
+    }
+
+    /// The pictures that the table names.
+    pub fn inputs(&self) -> Vec<Input> {
+        let input = |field: &str, path: &Written<String>, kind: InputKind| Input {
+            field: format!("sky.{field}"),
+            path: path.clone(),
+            kind,
+        };
+        let image = self.image.iter().map(|path| input("image", path, InputKind::Light));
+        let clouds = self.clouds.iter().map(|path| input("clouds", path, InputKind::Image));
+        image.chain(clouds).collect()
     }
 }
 

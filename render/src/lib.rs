@@ -15,6 +15,7 @@ mod bsdf;
 mod camera;
 mod coat;
 mod config;
+mod environment;
 mod film;
 mod ground;
 mod matte;
@@ -29,6 +30,7 @@ mod tone;
 mod water;
 
 pub use config::{Config, Sky};
+pub use environment::SkyPictures;
 pub use film::{Film, FilmStatistics};
 pub use ground::mesh as ground_mesh;
 pub use path::render;
@@ -58,6 +60,12 @@ pub enum Error {
     BadTerrain {
         /// The layer.
         layer: &'static str,
+        /// What is wrong with it.
+        what: String,
+    },
+    /// A picture is no sky.
+    #[error("the picture of the sky cannot be used: {what}")]
+    BadSky {
         /// What is wrong with it.
         what: String,
     },

@@ -6,7 +6,7 @@ use crate::ground::{self, Colors, Crown};
 use crate::primitive::Face;
 use crate::sky::Dome;
 use crate::water::Ripples;
-use crate::{Error, Sky};
+use crate::{Error, Sky, SkyPictures};
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -51,6 +51,8 @@ pub struct Parts<'a> {
     pub objects: &'a [Object],
     /// Names of species, sorted; number in the picture = index + 1.
     pub species: &'a [String],
+    /// Pictures that `[sky]` names.
+    pub sky_pictures: SkyPictures<'a>,
 }
 
 /// How large a scene is.
@@ -167,7 +169,7 @@ impl Scene {
             materials: assembly.materials,
             colors: Some(Colors::new(parts.terrain, &crowns(parts, rows.get(&0)))),
             ripples: Ripples::new(),
-            dome: Dome::new(sky),
+            dome: Dome::with_pictures(sky, parts.sky_pictures)?,
             haze: sky.haze / 1000.0,
             origin,
             species: parts.species.to_vec(),
@@ -756,6 +758,7 @@ mod tests {
             prototypes: &Models(model),
             objects: &[],
             species: &["stick".to_string()],
+            sky_pictures: SkyPictures::default(),
         };
         Scene::build(&parts, &Sky::clear_day(), &Silent)
     }
@@ -887,6 +890,7 @@ mod tests {
                 prototypes: &Models(plant()),
                 objects: &[],
                 species: &species,
+                sky_pictures: SkyPictures::default(),
             };
             let scene = Scene::build(&parts, &Sky::clear_day(), &Silent).unwrap();
             let seed = weald_contract::Seed(5);

@@ -6,6 +6,8 @@
 //! measured within a quarter (a test holds this). The sun is a disc whose irradiance is that of
 //! space, dimmed by the transmittances of [Preetham99] App. A.1.
 
+use crate::Error;
+use crate::environment::{Clouds, SkyPictures, table_of};
 use crate::tone::luminance;
 use glam::Vec3;
 use std::f32::consts::{PI, TAU};
@@ -36,9 +38,82 @@ const WAVELENGTHS: [f64; 3] = [0.612, 0.549, 0.465];
 /// Absorption by ozone at those wavelengths, 1/cm of ozone [Preetham99] Table 2.
 const OZONE: [f64; 3] = [0.118, 0.084, 0.0075];
 
+/// How the cells of a table lie on the sphere; columns run counter-clockwise from east.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Layout {
+    /// [`WIDTH`] by [`HEIGHT`] cells over the upper half.
+    Upper,
+    /// Cells of equal angles over all of it, from the nadir up.
+    Sphere { columns: usize, rows: usize },
+}
+
+impl Layout {
+    fn columns(&self) -> usize {
+        match self {
+            Self::Upper => WIDTH,
+            Self::Sphere { columns, .. } => *columns,
+        }
+    }
+
+    fn rows(&self) -> usize {
+        match self {
+            Self::Upper => HEIGHT,
+            Self::Sphere { rows, .. } => *rows,
+        }
+    }
+
+    /// Sine of the elevation at the lower and upper rim of a row.
+    fn heights(&self, row: usize) -> (f32, f32) {
+        match self {
+            Self::Upper => row_heights(row),
+            Self::Sphere { rows, .. } => {
+                let rim = |row: usize| -libm::cos(row as f64 / *rows as f64 * f64::from(PI)) as f32;
+                (rim(row), rim(row + 1))
+            }
+        }
+    }
+
+    fn solid_angle(&self, row: usize) -> f32 {
+        let (low, high) = self.heights(row);
+        (high - low) * TAU / self.columns() as f32
+    }
+
+    /// Where in the rows a height lies, from 0 to their number.
+    fn row_of(&self, z: f32) -> f32 {
+        match self {
+            Self::Upper => z.clamp(0.0, 1.0).sqrt() * HEIGHT as f32,
+            Self::Sphere { rows, .. } => {
+                libm::acosf(-z.clamp(-1.0, 1.0)) * std::f32::consts::FRAC_1_PI * *rows as f32
+            }
+        }
+    }
+
+    /// Whether the table says nothing of a direction.
+    fn is_below(&self, direction: Vec3) -> bool {
+        *self == Self::Upper && direction.z <= 0.0
+    }
+
+    /// The direction of a cell's middle.
+    fn direction(&self, index: usize) -> Vec3 {
+        let (row, column) = (index / self.columns(), index % self.columns());
+        let (low, high) = self.heights(row);
+        let z = 0.5 * (low + high);
+        let (sin, cos) = libm::sincosf(TAU * (column as f32 + 0.5) / self.columns() as f32);
+        let across = (1.0 - z * z).max(0.0).sqrt();
+        Vec3::new(across * cos, across * sin, z)
+    }
+}
+
+/// Radiance of cells.
+pub(crate) struct SkyTable {
+    pub layout: Layout,
+    pub cells: Vec<Vec3>,
+}
+
 /// Light from outside the scene.
 pub(crate) struct Dome {
-    /// Radiance at the cell centres, row by row from the horizon.
+    layout: Layout,
+    /// Radiance at the cell centres, row by row from the lowest.
     table: Vec<Vec3>,
     /// Radiance from below the horizon: the ground beyond the scene.
     below: Vec3,
@@ -113,17 +188,63 @@ impl Dome {
         };
         sun.radiance = irradiance.map(|e| e as f32).into();
         sun.radiance /= sun.solid_angle();
-        let mut dome = Self::from_table(tabulate(sky, toward), Vec3::ZERO, Some(sun));
+        let table = SkyTable { layout: Layout::Upper, cells: tabulate(sky, toward) };
+        let mut dome = Self::from_table(table, Vec3::ZERO, Some(sun));
         let direct = Vec3::from(irradiance.map(|e| e as f32)) * toward.z;
         dome.below = sky.ground_albedo / PI * (direct + dome.irradiance());
         dome
+    }
+
+    /// The sky of a table `[sky]` and of the pictures that it names.
+    ///
+    /// # Errors
+    /// A picture that is no sky.
+    pub fn with_pictures(sky: &crate::Sky, pictures: SkyPictures<'_>) -> Result<Self, Error> {
+        if let Some(image) = pictures.image {
+            let turn = sky.image_turn_deg.to_radians();
+            return Ok(Self::of_table(table_of(image, turn, sky.image_gain)?));
+        }
+        let clear = Self::new(sky);
+        Ok(match pictures.clouds {
+            Some(image) => {
+                clear.clouded(&Clouds { image, size: sky.cloud_size / sky.cloud_height })
+            }
+            None => clear,
+        })
+    }
+
+    /// A sky that is a picture, with no sun but the one in it.
+    pub fn of_table(table: SkyTable) -> Self {
+        Self::from_table(table, Vec3::ZERO, None)
+    }
+
+    /// The same sky behind clouds: they hide it, shine by its light and the sun's, and dim the sun
+    /// where it stands behind them.
+    fn clouded(&self, clouds: &Clouds<'_>) -> Self {
+        let layout = Layout::Sphere { columns: 1024, rows: 512 };
+        let sun_light =
+            self.sun.map_or(Vec3::ZERO, |sun| sun.radiance * sun.solid_angle() * sun.direction.z);
+        let light = self.irradiance() + sun_light;
+        let cell = |index: usize| {
+            let direction = layout.direction(index);
+            let cover = clouds.cover(direction);
+            let toward_sun = self.sun.map_or(0.0, |sun| sun.direction.dot(direction));
+            self.radiance(direction).lerp(clouds.radiance(cover, light, toward_sun), cover)
+        };
+        let cells = (0..layout.columns() * layout.rows()).map(cell).collect();
+        let sun = self.sun.map(|sun| Sun {
+            radiance: sun.radiance * (1.0 - clouds.cover(sun.direction)).powi(2),
+            ..sun
+        });
+        Self::from_table(SkyTable { layout, cells }, self.below, sun)
     }
 
     /// The same radiance from everywhere and no sun: a furnace.
     #[cfg(test)]
     pub fn constant(radiance: f32) -> Self {
         let radiance = Vec3::splat(radiance);
-        Self::from_table(vec![radiance; WIDTH * HEIGHT], radiance, None)
+        let table = SkyTable { layout: Layout::Upper, cells: vec![radiance; WIDTH * HEIGHT] };
+        Self::from_table(table, radiance, None)
     }
 
     /// A sun and nothing else.
@@ -134,27 +255,33 @@ impl Dome {
         self
     }
 
-    fn from_table(table: Vec<Vec3>, below: Vec3, sun: Option<Sun>) -> Self {
+    fn from_table(table: SkyTable, below: Vec3, sun: Option<Sun>) -> Self {
+        let SkyTable { layout, cells: table } = table;
+        let (columns, rows) = (layout.columns(), layout.rows());
+        let brightness: Vec<f32> = table.iter().map(|rgb| luminance(rgb.to_array())).collect();
+        // A floor keeps every direction possible, so that no cell between bright neighbours, which
+        // interpolation lights, is ever missed.
+        let mean = brightness.iter().map(|&b| f64::from(b)).sum::<f64>() / table.len() as f64;
+        let floor = 1e-4 * (1.0 + mean as f32);
+        let solid_angles: Vec<f32> = (0..rows).map(|row| layout.solid_angle(row)).collect();
         let weight = |index: usize| {
-            // A floor keeps every direction possible, so that no cell between bright
-            // neighbours, which interpolation lights, is ever missed.
-            let radiance = luminance(table[index].to_array()) + 1e-4;
-            f64::from(radiance) * f64::from(cell_solid_angle(index / WIDTH))
+            f64::from(brightness[index] + floor) * f64::from(solid_angles[index / columns])
         };
         let total: f64 = (0..table.len()).map(weight).sum();
         let mut dome = Self {
+            layout,
             densities: (0..table.len())
-                .map(|i| (weight(i) / total) as f32 / cell_solid_angle(i / WIDTH))
+                .map(|i| (weight(i) / total) as f32 / solid_angles[i / columns])
                 .collect(),
-            row_sums: Vec::with_capacity(HEIGHT),
+            row_sums: Vec::with_capacity(rows),
             cell_sums: Vec::with_capacity(table.len()),
             below,
             sun,
             table: Vec::new(),
         };
         let mut sum = 0.0;
-        for row in 0..HEIGHT {
-            let cells = row * WIDTH..(row + 1) * WIDTH;
+        for row in 0..rows {
+            let cells = row * columns..(row + 1) * columns;
             let row_weight: f64 = cells.clone().map(weight).sum();
             sum += row_weight;
             dome.row_sums.push((sum / total) as f32);
@@ -170,67 +297,63 @@ impl Dome {
 
     /// Irradiance of the sky without sun on level ground.
     pub fn irradiance(&self) -> Vec3 {
-        irradiance_of(&self.table)
+        let part = |index: usize| {
+            let row = index / self.layout.columns();
+            let (low, high) = self.layout.heights(row);
+            self.table[index] * ((0.5 * (low + high)).max(0.0) * self.layout.solid_angle(row))
+        };
+        (0..self.table.len()).map(part).sum()
     }
 
     /// Radiance from a direction, without the sun.
     pub fn radiance(&self, direction: Vec3) -> Vec3 {
-        if direction.z <= 0.0 {
+        if self.layout.is_below(direction) {
             return self.below;
         }
-        let row = direction.z.min(1.0).sqrt() * HEIGHT as f32 - 0.5;
-        let column = azimuth_turns(direction) * WIDTH as f32 - 0.5;
+        let (columns, rows) = (self.layout.columns(), self.layout.rows());
+        let row = self.layout.row_of(direction.z) - 0.5;
+        let column = azimuth_turns(direction) * columns as f32 - 0.5;
         let (r0, c0) = (row.max(0.0) as usize, column.floor());
         let (fr, fc) = (row.max(0.0) - r0 as f32, column - c0);
-        let r1 = (r0 + 1).min(HEIGHT - 1);
-        let c0 = (c0 as i32).rem_euclid(WIDTH as i32) as usize;
-        let c1 = (c0 + 1) % WIDTH;
-        let line = |r: usize| self.table[r * WIDTH + c0].lerp(self.table[r * WIDTH + c1], fc);
-        line(r0.min(HEIGHT - 1)).lerp(line(r1), fr)
+        let r1 = (r0 + 1).min(rows - 1);
+        let c0 = (c0 as i32).rem_euclid(columns as i32) as usize;
+        let c1 = (c0 + 1) % columns;
+        let line = |r: usize| self.table[r * columns + c0].lerp(self.table[r * columns + c1], fc);
+        line(r0.min(rows - 1)).lerp(line(r1), fr)
     }
 
-    /// Draws a direction above the horizon in proportion to the sky's luminance.
+    /// Draws a direction in proportion to the sky's luminance; above the horizon, unless the sky
+    /// is a picture of all directions.
     pub fn sample(&self, u: [f32; 2]) -> LightSample {
+        let columns = self.layout.columns();
         let (row, fr) = invert(&self.row_sums, u[0]);
-        let (column, fc) = invert(&self.cell_sums[row * WIDTH..(row + 1) * WIDTH], u[1]);
-        let (low, high) = row_heights(row);
+        let (column, fc) = invert(&self.cell_sums[row * columns..(row + 1) * columns], u[1]);
+        let (low, high) = self.layout.heights(row);
         let z = low + fr * (high - low);
-        let (sin, cos) = libm::sincosf(TAU * (column as f32 + fc) / WIDTH as f32);
+        let (sin, cos) = libm::sincosf(TAU * (column as f32 + fc) / columns as f32);
         let across = (1.0 - z * z).max(0.0).sqrt();
-        let direction = Vec3::new(across * cos, across * sin, z.max(1e-6));
-        let pdf = self.densities[row * WIDTH + column];
+        let z = if self.layout == Layout::Upper { z.max(1e-6) } else { z };
+        let direction = Vec3::new(across * cos, across * sin, z);
+        let pdf = self.densities[row * columns + column];
         LightSample { direction, radiance: self.radiance(direction), pdf }
     }
 
     /// Density with which [`Dome::sample`] draws a direction, 1/sr.
     pub fn pdf(&self, direction: Vec3) -> f32 {
-        if direction.z <= 0.0 {
+        if self.layout.is_below(direction) {
             return 0.0;
         }
-        let row = ((direction.z.min(1.0).sqrt() * HEIGHT as f32) as usize).min(HEIGHT - 1);
-        let column = (azimuth_turns(direction) * WIDTH as f32) as usize;
-        self.densities[row * WIDTH + column.min(WIDTH - 1)]
+        let (columns, rows) = (self.layout.columns(), self.layout.rows());
+        let row = (self.layout.row_of(direction.z) as usize).min(rows - 1);
+        let column = (azimuth_turns(direction) * columns as f32) as usize;
+        self.densities[row * columns + column.min(columns - 1)]
     }
-}
-
-/// Irradiance on level ground of a table of radiance.
-fn irradiance_of(table: &[Vec3]) -> Vec3 {
-    let part = |index: usize| {
-        let (low, high) = row_heights(index / WIDTH);
-        table[index] * (0.5 * (low + high) * cell_solid_angle(index / WIDTH))
-    };
-    (0..table.len()).map(part).sum()
 }
 
 /// Sine of the elevation at the lower and upper rim of a row.
 fn row_heights(row: usize) -> (f32, f32) {
     let rim = |row: usize| (row as f32 / HEIGHT as f32).powi(2);
     (rim(row), rim(row + 1))
-}
-
-fn cell_solid_angle(row: usize) -> f32 {
-    let (low, high) = row_heights(row);
-    (high - low) * TAU / WIDTH as f32
 }
 
 /// Angle from east, counter-clockwise, in turns: [0, 1).
@@ -367,6 +490,74 @@ mod tests {
             // Five standard deviations of χ² above its mean.
             assert!(chi < bins + 5.0 * (2.0 * bins).sqrt(), "sun at {elevation}°: χ² {chi}");
         }
+    }
+
+    #[test]
+    fn directions_drawn_from_a_picture_have_the_density_they_claim() {
+        // χ² over 20 x 20 cells of equal solid angle, which do not line up with the picture's.
+        let mut chance = Seed(8).stream("picture", 0);
+        let cells: Vec<Vec3> =
+            (0..64 * 32).map(|_| Vec3::splat(chance.unit().powi(6) as f32)).collect();
+        let layout = Layout::Sphere { columns: 64, rows: 32 };
+        let dome = Dome::of_table(SkyTable { layout, cells });
+        // Fine enough for the rows at the poles, whose heights are a two-hundredth of the whole.
+        let (side, fine, draws) = (20, 160, 200_000);
+        let mut expected = vec![0.0f64; side * side];
+        for i in 0..side * fine {
+            for j in 0..side * fine {
+                let part = |k: usize| (k as f32 + 0.5) / (side * fine) as f32;
+                let z = 2.0 * part(i) - 1.0;
+                let (sin, cos) = (TAU * part(j)).sin_cos();
+                let across = (1.0 - z * z).sqrt();
+                let pdf = f64::from(dome.pdf(Vec3::new(across * cos, across * sin, z)));
+                expected[i / fine * side + j / fine] += pdf;
+            }
+        }
+        let cell = 4.0 * std::f64::consts::PI / (side * fine).pow(2) as f64;
+        let total = expected.iter().sum::<f64>() * cell;
+        assert!((total - 1.0).abs() < 3e-3, "the density adds up to {total}");
+        let mut counts = vec![0u32; side * side];
+        for _ in 0..draws {
+            let way = dome.sample([chance.unit() as f32, chance.unit() as f32]).direction;
+            let row = ((way.z + 1.0) / 2.0 * side as f32) as usize;
+            let column = (azimuth_turns(way) * side as f32) as usize;
+            counts[row.min(side - 1) * side + column.min(side - 1)] += 1;
+        }
+        let chi: f64 = (counts.iter().zip(&expected))
+            .map(|(&count, &share)| {
+                let mean = share * cell / total * f64::from(draws);
+                (f64::from(count) - mean).powi(2) / mean
+            })
+            .sum();
+        let bins = (side * side) as f64;
+        assert!(chi < bins + 5.0 * (2.0 * bins).sqrt(), "χ² {chi}");
+    }
+
+    #[test]
+    fn clouds_hide_the_sun_behind_them_and_light_the_ground_less() {
+        let image = |cover: f32| weald_contract::Image {
+            width: 1,
+            height: 1,
+            values: vec![cover],
+            is_float: true,
+            frame: None,
+        };
+        let with = |cover: f32| {
+            let image = image(cover);
+            let pictures = SkyPictures { image: None, clouds: Some(&image) };
+            Dome::with_pictures(&crate::Sky::clear_day(), pictures).unwrap()
+        };
+        let (clear, half, thick) = (with(0.0), with(0.5), with(1.0));
+        assert!((clear.irradiance() / day().irradiance() - 1.0).abs().max_element() < 0.02);
+        assert_eq!(thick.sun.unwrap().radiance, Vec3::ZERO);
+        assert!(half.irradiance().x > clear.irradiance().x, "broken clouds are brighter than blue");
+        let on_ground = |dome: &Dome| {
+            let sun = dome.sun.unwrap();
+            luminance(dome.irradiance().to_array())
+                + luminance((sun.radiance * sun.solid_angle()).to_array()) * sun.direction.z
+        };
+        // An overcast sky lets a quarter to a half of a clear day's light through [IESNA00] ch. 8.
+        assert!((0.2..0.5).contains(&(on_ground(&thick) / on_ground(&clear))));
     }
 
     #[test]

@@ -20,6 +20,8 @@ pub enum InputKind {
     Elevation,
     /// One band of densities, parameters or mask values.
     Image,
+    /// Radiance from all directions.
+    Light,
     /// A table of plants.
     Plants,
     /// A mesh.

@@ -55,6 +55,7 @@ pub fn portrait(
         prototypes: &models,
         objects: &[],
         species: &["plant".to_string()],
+        sky_pictures: weald_render::SkyPictures::default(),
     };
     let sky: weald_render::Sky = table("sun_azimuth_deg = 225\nsun_elevation_deg = 38")?;
     let scene = weald_render::Scene::build(&parts, &sky, &Silent).map_err(refused)?;

@@ -115,7 +115,7 @@ pub struct Scene {
     pub terrain_inputs: Vec<SceneInput>,
     /// Files named by `[ecosim]`.
     pub ecosim_inputs: Vec<SceneInput>,
-    /// Models named by `[[object]]`.
+    /// Models named by `[[object]]`, then pictures named by `[sky]`.
     pub object_inputs: Vec<SceneInput>,
 }
 

@@ -37,6 +37,7 @@ pub(super) fn rays(size: &Size, species: &BTreeMap<String, SceneSpecies>) -> Res
         prototypes: &models,
         objects: &[],
         species: &["aspen".to_string(), "grass".to_string()],
+        sky_pictures: weald_render::SkyPictures::default(),
     };
     let (built, scene) =
         best(size, || weald_render::Scene::build(&parts, &sky, &Silent).map_err(wrong))?;

@@ -13,7 +13,7 @@ use crate::scene::{Scene, SceneInput};
 use serde_json::{Value as Json, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use weald_contract::{Layers, Palette, Problem, Progress};
+use weald_contract::{Image, InputKind, Layers, Palette, Picture, Problem, Progress};
 use weald_formats::{Parent, Provenance};
 
 /// What render reads and writes.
@@ -60,6 +60,7 @@ pub fn render(
     let config = render_config(scene, is_draft);
     let prototypes = HeldPrototypes::read(&paths.plants, &palette, &instances)?;
     let objects = objects(scene, &terrain)?;
+    let (sky_image, clouds) = sky_pictures(scene)?;
     let patches: usize = terrain.detail.iter().map(|patch| patch.frame.len()).sum();
     let cells = (terrain.frame.len() + patches) as u64;
     let need = prototypes.bytes(&instances, &objects, cells) + config.film_bytes();
@@ -72,6 +73,10 @@ pub fn render(
             prototypes: &prototypes,
             objects: &objects,
             species: &species_names(&palette),
+            sky_pictures: weald_render::SkyPictures {
+                image: sky_image.as_ref(),
+                clouds: clouds.as_ref(),
+            },
         },
         &scene.sky,
         progress,
@@ -128,6 +133,23 @@ pub fn species_names(palette: &Palette) -> Vec<String> {
     names.sort();
     names.dedup();
     names
+}
+
+/// Opens the pictures of `[sky]`: light from everywhere, and clouds.
+fn sky_pictures(scene: &Scene) -> Result<(Option<Picture>, Option<Image>)> {
+    let (mut light, mut clouds) = (None, None);
+    for SceneInput { input, path } in &scene.object_inputs {
+        match input.kind {
+            InputKind::Light => {
+                light = Some(weald_formats::read_picture(path).map_err(at_field(scene, input))?);
+            }
+            InputKind::Image => {
+                clouds = Some(weald_formats::read_image(path).map_err(at_field(scene, input))?);
+            }
+            _ => {}
+        }
+    }
+    Ok((light, clouds))
 }
 
 /// Opens the models of `[[object]]` and puts them on the ground.

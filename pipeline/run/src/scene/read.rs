@@ -158,7 +158,9 @@ impl Reader {
             self.open_inputs(tables.terrain.as_ref().map(weald_terrain::Config::inputs));
         let ecosim_inputs =
             self.open_inputs(tables.ecosim.as_ref().map(weald_ecosim::Config::inputs));
-        let object_inputs = self.open_inputs(tables.scene.as_ref().map(object_inputs));
+        let models = tables.scene.as_ref().map(object_inputs).unwrap_or_default();
+        let skies = tables.sky.as_ref().map(weald_render::Sky::inputs).unwrap_or_default();
+        let object_inputs = self.open_inputs(Some([models, skies].concat()));
         let mut wanted = tables.ecosim.as_ref().map_or_else(Vec::new, named_species);
         if let Some(ecosim) = &tables.ecosim {
             wanted.extend(self.species_of_tables(ecosim, &ecosim_inputs));

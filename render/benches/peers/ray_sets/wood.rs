@@ -11,7 +11,7 @@ use weald_contract::{
     Crs, Frame, Instances, Layers, Material, Mesh, Palette, PlantModel, Problem, Representative,
     Seed, Silent, Surface,
 };
-use weald_render::{Parts, PrototypeSource, Scene, Sky};
+use weald_render::{Parts, PrototypeSource, Scene, Sky, SkyPictures};
 
 type Point = glam::DVec3;
 
@@ -198,6 +198,7 @@ impl Wood {
             prototypes: &Model(self.tree.clone()),
             objects: &[],
             species: &["tree".to_string()],
+            sky_pictures: SkyPictures::default(),
         };
         Scene::build(&parts, &Sky::clear_day(), &Silent)
     }

@@ -67,6 +67,8 @@ table! {
         fringe_reach: f64 = 25.0, in 0.0..=10000.0;
         /// Whether rain that collects in hollows stands there as water.
         ponds: bool = false;
+        /// Map of soil: white holds `capacity`, black nothing.
+        soil: Option<Written<String>> = None;
     }
 }
 
@@ -81,6 +83,7 @@ impl Default for Water {
             fringe: 0.8,
             fringe_reach: 25.0,
             ponds: false,
+            soil: None,
         }
     }
 }
@@ -98,14 +101,19 @@ table! {
 }
 
 impl Config {
-    /// Files that this table names: the elevation model and the images of masks.
+    /// Files that this table names: the elevation model, the soil map, the images of masks.
     pub fn inputs(&self) -> Vec<Input> {
         let source = Input {
             field: "terrain.source".into(),
             path: self.source.clone(),
             kind: InputKind::Elevation,
         };
-        let mut inputs = vec![source];
+        let soil = self.water.soil.clone().map(|path| Input {
+            field: "terrain.water.soil".into(),
+            path,
+            kind: InputKind::Image,
+        });
+        let mut inputs: Vec<Input> = [source].into_iter().chain(soil).collect();
         for (index, op) in self.op.iter().enumerate().filter(|(_, op)| op.common.enabled) {
             let images = op.common.mask.0.iter().filter_map(|mask| mask.image.clone());
             let images = images.map(|path| ("mask.image", path));

@@ -8,6 +8,7 @@
 //! All lengths are metres in scene coordinates (from the terrain's south-west corner), never
 //! cells, so that the same list shapes a coarse grid and a finer patch around a view alike.
 
+mod breach;
 mod config;
 pub mod derive;
 mod detail;
@@ -35,6 +36,7 @@ mod stream;
 pub mod sun;
 mod water;
 
+pub use breach::Breach;
 pub use config::{Config, Detail, LayerCommon, Water};
 pub use editor::Editor;
 pub use environment::{CATALOGUE, Environment, LayerKind, Routing, kind};
@@ -111,7 +113,7 @@ impl Parts<'_> {
         let Self { ground, crs, images, views, seed } = *self;
         let map = mask::Map { frame: ground.frame, images };
         let shaped = stack::shape(config, ground, &map, seed, cache, progress)?;
-        let hydrology = water::settle(config, &shaped, progress)?;
+        let hydrology = water::settle(config, &shaped, &map, progress)?;
         let mut layers = water::layers(ground, &shaped, &hydrology, crs);
         let environment = environment::Source { config, shaped: &shaped, water: &hydrology };
         environment.extend(&mut layers, progress)?;

@@ -1,5 +1,6 @@
 //! Operators: what one layer of the stack does to altitude.
 
+use crate::breach::Breach;
 use crate::config::{Config, LayerCommon};
 use crate::erosion::{Erode, Thermal};
 use crate::noise::NoiseShape;
@@ -44,6 +45,8 @@ choice! {
         "erode" => Erode(Erode),
         /// Lets what is too steep slide down.
         "thermal" => Thermal(Thermal),
+        /// Opens hollows by ditches.
+        "breach" => Breach(Breach),
         /// Replaces or blends a finished layer.
         "layer" => Layer(LayerEdit),
     }

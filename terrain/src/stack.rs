@@ -329,6 +329,7 @@ impl Found {
         let after = match &op.variant {
             Operator::Erode(erode) => Some(erode.run(lattice, altitude)),
             Operator::Thermal(thermal) => Some(thermal.run(lattice, altitude)),
+            Operator::Breach(breach) => Some(breach.run(lattice, altitude)),
             _ => None,
         };
         let change = after.map(|after| after.iter().zip(altitude).map(|(a, b)| a - b).collect());
@@ -421,7 +422,7 @@ impl Layer<'_> {
                     move |_, column, _| f64::from(line[column])
                 })
             }
-            Operator::Erode(_) | Operator::Thermal(_) => {
+            Operator::Erode(_) | Operator::Thermal(_) | Operator::Breach(_) => {
                 let change = self.change_on(lattice);
                 joined.each(|row, _| {
                     let line = &change[row * width..][..width];

@@ -6,6 +6,7 @@ use crate::flow::{self, Flood};
 use crate::hollow::rising;
 use crate::import::Ground;
 use crate::lattice::Lattice;
+use crate::mask::Map;
 use crate::nearest::{NONE, nearest_marked};
 use crate::operator::Lake;
 use crate::rain::{self, Balance, Catchment, Shower};
@@ -36,6 +37,7 @@ pub(crate) struct Hydrology {
 pub(crate) fn settle(
     config: &Config,
     shaped: &Shaped<'_>,
+    map: &Map<'_>,
     progress: &dyn Progress,
 ) -> Result<Hydrology, Error> {
     let Lattice { width, height, cell, .. } = shaped.lattice;
@@ -55,7 +57,7 @@ pub(crate) fn settle(
     let is_lake: Vec<bool> = standing.iter().map(|level| !level.is_nan()).collect();
     let running = stream_levels(shaped);
     let level = higher(&running, &standing);
-    let soaked = soak(&config.water, shaped, &is_lake, &level);
+    let soaked = soak(&config.water, shaped, &soil(&config.water, shaped, map)?, &is_lake, &level);
     progress.advance(1);
     check_cancelled(progress)?;
 
@@ -198,8 +200,31 @@ fn lake_cell(
 /// Slope on which soil is too thin to hold any water: it no longer stays on its ground. (Ours.)
 pub(crate) const BARE_SLOPE_DEG: f32 = 60.0;
 
+/// Share of `capacity` that the soil map gives each cell; 1 where it says nothing.
+fn soil(water: &Water, shaped: &Shaped<'_>, map: &Map<'_>) -> Result<Vec<f32>, Problem> {
+    let lattice = &shaped.lattice;
+    let Some(path) = &water.soil else {
+        return Ok(vec![1.0; shaped.altitude.len()]);
+    };
+    let (image, frame) = map.image(path)?;
+    Ok(by_row(lattice.width, lattice.height, |row, out| {
+        let y = lattice.y(row);
+        for (column, share) in out.iter_mut().enumerate() {
+            let pixel = frame.sample(&image.values, lattice.x(column), y);
+            let pixel = pixel.filter(|pixel| pixel.is_finite());
+            *share = pixel.map_or(1.0, |pixel| pixel.clamp(0.0, 1.0));
+        }
+    }))
+}
+
 /// Runs the rain model over the ground with its open water.
-fn soak(water: &Water, shaped: &Shaped<'_>, is_lake: &[bool], level: &[f32]) -> rain::Soaked {
+fn soak(
+    water: &Water,
+    shaped: &Shaped<'_>,
+    soil: &[f32],
+    is_lake: &[bool],
+    level: &[f32],
+) -> rain::Soaked {
     let Lattice { width, height, cell, .. } = shaped.lattice;
     // Soil thins with slope, and its room for water with it. (Ours.)
     let capacity =
@@ -207,7 +232,7 @@ fn soak(water: &Water, shaped: &Shaped<'_>, is_lake: &[bool], level: &[f32]) -> 
             let is_saturated = !level[index].is_nan();
             let share =
                 if is_saturated { 0.0 } else { 1.0 - gradient.slope_deg() / BARE_SLOPE_DEG };
-            water.capacity as f32 * share.max(0.0)
+            water.capacity as f32 * share.max(0.0) * soil[index]
         });
     let surface: Vec<f32> =
         shaped.altitude.iter().zip(level).map(|(ground, level)| ground.max(*level)).collect();

@@ -167,3 +167,31 @@ fn operators_that_need_the_whole_ground_change_a_patch_alike() {
         assert!(difference < 0.6, "{x} {y}: {difference}");
     }
 }
+
+#[test]
+fn soil_is_where_its_map_is_white() {
+    let text = "source = \"d\"\n[water]\nspread = 0\nsoil = \"west.png\"";
+    let inputs = read(text).unwrap().inputs();
+    assert!(inputs.iter().any(|input| input.field == "terrain.water.soil"));
+    let (mapped, plain) = (terrain(text), terrain("source = \"d\"\n[water]\nspread = 0"));
+    for row in 0..50 {
+        let y = 2.0 * f64::from(row) + 1.0;
+        assert_eq!(at(&mapped, "soil_moisture", 91.0, y), 0.0, "bare rock in the east");
+        // Water comes from the west alone, where nothing else is different.
+        assert_eq!(at(&mapped, "soil_moisture", 31.0, y), at(&plain, "soil_moisture", 31.0, y));
+    }
+}
+
+#[test]
+fn a_breached_dam_lets_the_valley_drain() {
+    let dam = "source = \"d\"\n[[op]]\nop = \"road\"\npoints = [[60, 0], [60, 100]]\nwidth = 4\n\
+        falloff = 2\nraise = 3\n";
+    let stands = |text: &str| {
+        let layers = terrain(text);
+        let filled = layers.values("filled").unwrap().iter();
+        filled.zip(layers.values("altitude").unwrap()).filter(|(a, b)| a > b).count()
+    };
+    assert!(stands(dam) > 50, "the road dams the valley");
+    let opened = format!("{dam}[[op]]\nop = \"breach\"\nmax_depth = 50\n");
+    assert_eq!(stands(&opened), 0);
+}

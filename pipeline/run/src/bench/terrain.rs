@@ -7,7 +7,8 @@ use std::path::Path;
 use weald_contract::{Crs, Frame, Grid, Raster, Seed, Silent};
 
 pub(super) fn terrain(size: &Size, input: Option<&Path>) -> Result<Vec<Figure>> {
-    use weald_terrain::flow;
+    use weald_terrain::disperse::{self, Dispersion, MULTIPLE_EXPONENT};
+    use weald_terrain::{fill, flow, sun};
     let raster = match input {
         Some(path) => given::raster(path)?,
         None => Raster { grid: ground(size.terrain_side), crs: Crs::default() },
@@ -24,17 +25,32 @@ pub(super) fn terrain(size: &Size, input: Option<&Path>) -> Result<Vec<Figure>> 
             .map_err(wrong)
     })?;
     let altitude = &raster.grid.values;
-    let (fill, flood) = best(size, || Ok(flow::fill(width, height, altitude)))?;
+    let (levels, _) = best(size, || Ok(fill::levels(width, height, altitude)))?;
+    let (filled, flood) = best(size, || Ok(flow::fill(width, height, altitude)))?;
     let raised = flood.level.iter().zip(altitude).map(|(a, b)| f64::from(*a) - f64::from(*b)).sum();
     let (down, drained) = best(size, || {
         let directions = flow::directions(width, height, &flood);
-        Ok(flow::accumulate(width, &directions, vec![1.0; width * height]))
+        Ok(flow::drained_cells(width, &directions))
     })?;
-    let largest = drained.iter().copied().fold(0.0, f64::max);
+    let largest = f64::from(drained.iter().copied().max().unwrap_or(0));
+    let spread = |dispersion| {
+        let ones = || vec![1.0; width * height];
+        best(size, || Ok(disperse::accumulate(width, height, &flood, dispersion, ones())))
+    };
+    let (infinite, _) = spread(Dispersion::Infinite)?;
+    let (multiple, _) = spread(Dispersion::Multiple { exponent: MULTIPLE_EXPONENT })?;
+    let relief = sun::Relief { width, height, cell: raster.grid.frame.cell, altitude };
+    let days = (0..12).map(|month| 15.0 + 30.4 * f64::from(month)).collect();
+    let season = sun::Season { latitude: 0.8, days, transmissivity: 0.7, steps: 24 };
+    let (year, _) = best(size, || Ok(sun::light(&relief, Some(&season))))?;
     Ok(vec![
         rate("terrain", whole),
-        rate("fill", fill).with(raised),
+        rate("fill, levels alone", levels),
+        rate("fill", filled).with(raised),
         rate("D8 and accumulation", down).with(largest),
+        rate("D-infinity", infinite),
+        rate("multiple flow", multiple),
+        rate("sun and sky of 12 days", year),
     ])
 }
 

@@ -1,4 +1,4 @@
-//! NumPy's `.npy`: one array of numbers [NEP1].
+//! NumPy's `.npy`: one array of numbers [Kern07].
 
 use crate::bytes::{MAX_FILE_BYTES, read_bounded};
 use crate::error::{Error, Result};

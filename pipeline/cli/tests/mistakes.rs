@@ -381,3 +381,23 @@ fn damaged_images_and_models_are_all_told_before_any_work() {
     }
     assert!(!tiny.path("out/terrain").exists());
 }
+
+#[test]
+fn a_density_on_another_map_is_named_with_both_maps() {
+    let tiny = Tiny::new();
+    // Grids in degrees come to the UTM zone of their middle.
+    let ground = |west: f64| {
+        let header = format!("ncols 8\nnrows 8\nxllcorner {west}\nyllcorner 40\ncellsize 0.0001\n");
+        header + &"1 2 3 4 5 6 7 8\n".repeat(8)
+    };
+    tiny.edit("[[terrain.op]]\nop = \"lake\"\nat = [32.0, 32.0]\nlevel = 9.2\n", "");
+    tiny.write("scene/inputs/ground.asc", &ground(-105.0));
+    tiny.done("terrain scene -o other");
+    std::fs::copy(tiny.path("other/altitude.tif"), tiny.path("scene/inputs/density.tif")).unwrap();
+    tiny.write("scene/inputs/ground.asc", &ground(-99.0));
+    tiny.edit("inputs/density.asc", "inputs/density.tif");
+    let line = line_of(&tiny, "\"inputs/density.tif\"");
+    let words = [&line, "EPSG:32613", "EPSG:32614", "gdalwarp -t_srs EPSG:32614"];
+    refused(&tiny, "run scene -o out", &words);
+    assert!(!tiny.path("out/ecosim").exists());
+}

@@ -37,6 +37,7 @@ pub use plant_model::{
 };
 pub use population::{Plant, Population, State};
 pub use progress::{Progress, Silent};
+pub use projection::UtmZone;
 pub use seed::{Seed, Stream};
 pub use size::Size;
 pub use source::{Problem, Problems, Source, Sources, Span};

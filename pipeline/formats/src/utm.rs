@@ -2,11 +2,9 @@
 
 use crate::error::{Error, Result};
 use crate::geotiff::MAX_CELLS;
-use proj4rs::proj::Proj;
-use proj4rs::transform::transform;
 use rayon::prelude::*;
 use std::path::Path;
-use weald_contract::{Crs, Frame, Grid, Raster};
+use weald_contract::{Crs, Frame, Grid, Raster, UtmZone};
 
 /// Points along an edge of a raster that find where its image in the plane ends.
 const EDGE_POINTS: usize = 65;
@@ -85,16 +83,13 @@ pub(crate) fn to_utm(path: &Path, degrees: &Cells, values: &[f32], crs: &Crs) ->
     let frame = zone.frame(path, degrees)?;
     let mut projected = vec![0.0f32; frame.len()];
     let rows = projected.par_chunks_mut(frame.width).enumerate();
-    rows.try_for_each(|(row, line)| {
-        let mut points: Vec<(f64, f64)> =
-            (0..frame.width).map(|column| frame.center(column, row)).collect();
-        zone.to_degrees(path, degrees, &mut points)?;
-        for (value, (longitude, latitude)) in line.iter_mut().zip(points) {
+    rows.for_each(|(row, line)| {
+        for (column, value) in line.iter_mut().enumerate() {
+            let (longitude, latitude) = zone.to_degrees(degrees, frame.center(column, row));
             let column = (longitude - degrees.west) / degrees.across;
             *value = degrees.sample(values, column, (degrees.north - latitude) / degrees.down);
         }
-        Ok(())
-    })?;
+    });
     let crs = Crs { epsg: Some(zone.epsg), keys: zone.keys(&crs.keys), ..Crs::default() };
     Ok(Raster { grid: Grid { frame, values: projected }, crs })
 }
@@ -128,11 +123,10 @@ fn check(path: &Path, degrees: &Cells) -> Result<()> {
     Ok(())
 }
 
-/// A zone of the Universal Transverse Mercator projection.
+/// The zone that a raster comes to.
 struct Zone {
     epsg: u32,
-    plane: Proj,
-    globe: Proj,
+    plane: UtmZone,
 }
 
 impl Zone {
@@ -144,43 +138,33 @@ impl Zone {
         let is_south = latitude < 0.0;
         // EPSG numbers the zones of a datum in runs, and only those where it is used [EPSG].
         let wgs84 = if is_south { 32700 + zone } else { 32600 + zone };
-        let (epsg, ellipsoid) = match datum {
-            None | Some(4326 | 4979) => (wgs84, "WGS84"),
-            Some(4269) if !is_south && zone <= 23 => (26900 + zone, "GRS80"),
-            Some(4258) if !is_south && (28..=38).contains(&zone) => (25800 + zone, "GRS80"),
+        let epsg = match datum {
+            None | Some(4326 | 4979) => wgs84,
+            Some(4269) if !is_south && zone <= 23 => 26900 + zone,
+            Some(4258) if !is_south && (28..=38).contains(&zone) => 25800 + zone,
             // The three datums differ by less than two metres.
-            Some(4269 | 4258) => (wgs84, "WGS84"),
+            Some(4269 | 4258) => wgs84,
             Some(other) => {
                 let message = format!("longitude and latitude in EPSG:{other}");
                 let hint = format!("WGS 84, NAD83 and ETRS89 are: `gdalwarp -t_srs EPSG:{wgs84}`");
                 return Err(Error::unsupported(path, message, hint));
             }
         };
-        let south = if is_south { " +south" } else { "" };
-        let plane = format!("+proj=utm +zone={zone}{south} +ellps={ellipsoid} +units=m");
-        let globe = format!("+proj=longlat +ellps={ellipsoid}");
-        let parse = |text: &str| Proj::from_proj_string(text).map_err(|e| refused(path, &e));
-        Ok(Self { epsg, plane: parse(&plane)?, globe: parse(&globe)? })
+        let plane = UtmZone::from_epsg(epsg).ok_or_else(|| refused(path))?;
+        Ok(Self { epsg, plane })
     }
 
-    /// Longitudes and latitudes, degrees, to metres.
-    fn to_metres(&self, path: &Path, points: &mut [(f64, f64)]) -> Result<()> {
-        for point in points.iter_mut() {
-            *point = (point.0.to_radians(), point.1.to_radians());
-        }
-        transform(&self.globe, &self.plane, points).map_err(|e| refused(path, &e))
+    /// A longitude and latitude, degrees, in metres.
+    fn to_metres(&self, path: &Path, (longitude, latitude): (f64, f64)) -> Result<(f64, f64)> {
+        let place = self.plane.map_from_degrees(longitude, latitude);
+        place.map(|[x, y]| (x, y)).ok_or_else(|| refused(path))
     }
 
-    /// Metres to degrees, longitudes within half a turn of the raster's middle.
-    fn to_degrees(&self, path: &Path, raster: &Cells, points: &mut [(f64, f64)]) -> Result<()> {
-        transform(&self.plane, &self.globe, points).map_err(|e| refused(path, &e))?;
-        let (middle, _) = raster.middle();
-        for point in points {
-            let longitude = point.0.to_degrees();
-            let turns = ((middle - longitude) / 360.0).round();
-            *point = (longitude + 360.0 * turns, point.1.to_degrees());
-        }
-        Ok(())
+    /// Metres in degrees, the longitude within half a turn of the raster's middle.
+    fn to_degrees(&self, raster: &Cells, (x, y): (f64, f64)) -> (f64, f64) {
+        let [longitude, latitude] = self.plane.degrees_from_map(x, y);
+        let turns = ((raster.middle().0 - longitude) / 360.0).round();
+        (longitude + 360.0 * turns, latitude)
     }
 
     /// Squares that cover the raster's image but for its slanting edges.
@@ -192,9 +176,7 @@ impl Zone {
                 let (column, row) = (from.0 + t * (to.0 - from.0), from.1 + t * (to.1 - from.1));
                 (degrees.west + column * degrees.across, degrees.north - row * degrees.down)
             };
-            let mut points: Vec<_> = (0..EDGE_POINTS).map(place).collect();
-            self.to_metres(path, &mut points)?;
-            Ok(points)
+            (0..EDGE_POINTS).map(|k| self.to_metres(path, place(k))).collect()
         };
         let (nw, ne, sw, se) = ((0.0, 0.0), (width, 0.0), (0.0, height), (width, height));
         let most = |points: Vec<f64>| points.into_iter().fold(f64::NEG_INFINITY, f64::max);
@@ -217,15 +199,13 @@ impl Zone {
     fn cell(&self, path: &Path, degrees: &Cells) -> Result<f64> {
         let (longitude, latitude) = degrees.middle();
         let (dx, dy) = (0.5 * degrees.across, 0.5 * degrees.down);
-        let mut points = [
-            (longitude - dx, latitude),
-            (longitude + dx, latitude),
-            (longitude, latitude - dy),
-            (longitude, latitude + dy),
-        ];
-        self.to_metres(path, &mut points)?;
-        let length = |a: (f64, f64), b: (f64, f64)| (a.0 - b.0).hypot(a.1 - b.1);
-        let side = (length(points[0], points[1]) * length(points[2], points[3])).sqrt();
+        let length = |a: (f64, f64), b: (f64, f64)| -> Result<f64> {
+            let (a, b) = (self.to_metres(path, a)?, self.to_metres(path, b)?);
+            Ok((a.0 - b.0).hypot(a.1 - b.1))
+        };
+        let across = length((longitude - dx, latitude), (longitude + dx, latitude))?;
+        let down = length((longitude, latitude - dy), (longitude, latitude + dy))?;
+        let side = (across * down).sqrt();
         // Through its decimal digits, so that 81.1 is 81.1.
         Ok(format!("{side:.2e}").parse().unwrap_or(side))
     }
@@ -248,8 +228,8 @@ impl Zone {
     }
 }
 
-fn refused(path: &Path, error: &dyn std::fmt::Display) -> Error {
-    let message = format!("the raster cannot be brought to metres: {error}");
+fn refused(path: &Path) -> Error {
+    let message = "the raster lies too far off its UTM zone";
     Error::invalid(path, message, "`gdalwarp -t_srs EPSG:UTM_ZONE` may do it")
 }
 
@@ -272,27 +252,12 @@ mod tests {
         to_utm(Path::new("dem"), degrees, &values, crs)
     }
 
-    /// Places that PROJ 9.5.1 (`pyproj`) gives: longitude, latitude, EPSG, easting, northing.
-    const PROJ: [(f64, f64, u32, f64, f64); 5] = [
-        (-105.25, 40.05, 32613, 478_675.636_173_3, 4_433_336.688_997_4),
-        (7.85, 47.99, 32632, 414_199.186_772_2, 5_315_828.604_316_2),
-        (-70.3, -33.4, 32719, 379_106.235_541_5, 6_303_612.531_601_5),
-        (177.5, -17.8, 32760, 552_991.209_812_5, 8_031_870.770_360_4),
-        (15.6, 78.2, 32633, 513_696.945_417_0, 8_680_760.053_195_6),
-    ];
-
     #[test]
-    fn places_are_those_of_proj() {
-        for (longitude, latitude, epsg, easting, northing) in PROJ {
+    fn middles_choose_the_zone() {
+        let places = [(-105.25, 40.05, 32613), (-70.3, -33.4, 32719), (177.5, -17.8, 32760)];
+        for (longitude, latitude, epsg) in places {
             let degrees = raster(longitude - 0.01, latitude + 0.01, 0.0004, 50);
-            let zone = Zone::of(Path::new("dem"), &degrees, None).unwrap();
-            assert_eq!(zone.epsg, epsg);
-            let mut points = [(longitude, latitude)];
-            zone.to_metres(Path::new("dem"), &mut points).unwrap();
-            let error = (points[0].0 - easting).hypot(points[0].1 - northing);
-            assert!(error < 1e-6, "{error} m at {longitude}, {latitude}");
-            zone.to_degrees(Path::new("dem"), &degrees, &mut points).unwrap();
-            assert!((points[0].0 - longitude).hypot(points[0].1 - latitude) < 1e-10);
+            assert_eq!(Zone::of(Path::new("dem"), &degrees, None).unwrap().epsg, epsg);
         }
     }
 
@@ -306,9 +271,8 @@ mod tests {
         assert_eq!((found.crs.epsg, frame.cell), (Some(32613), 27.0));
         let zone = Zone::of(Path::new("dem"), &degrees, None).unwrap();
         for (column, row) in [(0, 0), (frame.width - 1, 0), (7, frame.height - 1), (150, 160)] {
-            let mut point = [frame.center(column, row)];
-            zone.to_degrees(Path::new("dem"), &degrees, &mut point).unwrap();
-            let wanted = plane(point[0].0, point[0].1);
+            let (longitude, latitude) = zone.to_degrees(&degrees, frame.center(column, row));
+            let wanted = plane(longitude, latitude);
             let value = f64::from(found.grid.values[frame.index(column, row)]);
             // Half a cell at the rim takes the rim's value.
             assert!((value - wanted).abs() < 0.35, "{value} for {wanted}");

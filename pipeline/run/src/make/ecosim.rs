@@ -154,7 +154,10 @@ fn check_maps(scene: &Scene, terrain: &Crs) -> Result<()> {
                 system(&image),
                 system(terrain)
             );
-            let hint = "bring it to the terrain's reference system: `gdalwarp -t_srs`";
+            let hint = format!(
+                "bring it to the terrain's reference system: `gdalwarp -t_srs {}`",
+                system(terrain)
+            );
             let problem = Problem::at(input.path.span, message).hint(hint);
             return Err(Error::wrong(&scene.sources, problem));
         }

@@ -61,23 +61,42 @@ fn main() {
 }
 
 /// How the count error at 256 plants changes from pass 20 to pass 100, over many starts: with some
-/// forty boxes one start says little.
+/// forty boxes one start says little. The root mean squares, their ratio, and the middle and
+/// extremes of the single starts' ratios.
 fn drift(painting: &Painting) {
     const STARTS: u64 = 16;
     let cells = systematic(Part::whole(painting.side, painting.side), &painting.expected);
-    print!("count error @256 of {STARTS} starts at pass 20, pass 100, and their ratio:");
-    for weight in [Weight::Squared, Weight::Density, Weight::Even] {
-        let error = |count: u32| {
-            let squared = |seed| {
-                let places = passes(painting, painting.places(&cells, seed), count, weight);
-                painting.count_error(&places, 256.0).powi(2)
+    println!("count error @256 of {STARTS} starts at pass 20, pass 100; ratio; of single starts");
+    let row = |name: &str, weight, polished: u32| {
+        let errors = |count: u32| -> Vec<f64> {
+            let error = |seed| {
+                let mut places = passes(painting, painting.places(&cells, seed), count, weight);
+                if polished > 0 {
+                    polish(&mut places, &painting.grid(), polished);
+                }
+                painting.count_error(&places, 256.0)
             };
-            ((0..STARTS).map(squared).sum::<f64>() / STARTS as f64).sqrt()
+            (0..STARTS).map(error).collect()
         };
-        let [early, late] = [error(20), error(100)];
-        print!("  {} {early:.4} {late:.4} {:.2}", word(weight), late / early);
+        let [early, late] = [errors(20), errors(100)];
+        let mut single: Vec<f64> = early.iter().zip(&late).map(|(a, b)| b / a).collect();
+        single.sort_by(f64::total_cmp);
+        let middle = 0.5 * (single[7] + single[8]);
+        let square = |errors: &[f64]| {
+            (errors.iter().map(|error| error * error).sum::<f64>() / errors.len() as f64).sqrt()
+        };
+        let [early, late] = [square(&early), square(&late)];
+        println!(
+            "{name:<34}{early:>8.4}{late:>8.4}{:>8.2}{middle:>8.2} ({:.2} to {:.2})",
+            late / early,
+            single[0],
+            single[15]
+        );
+    };
+    for weight in [Weight::Squared, Weight::Density, Weight::Even] {
+        row(word(weight), weight, 0);
     }
-    println!();
+    row("squared, 2 of polish", Weight::Squared, 2);
 }
 
 fn word(weight: Weight) -> &'static str {

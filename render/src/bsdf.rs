@@ -24,6 +24,8 @@ pub(crate) struct Material {
     pub variation: f32,
     /// Whether colour comes from the ground's map instead.
     pub is_ground: bool,
+    /// Index of the texture whose colour multiplies reflectance and transmittance.
+    pub texture: Option<u32>,
     /// Number in pictures of the species that is made of it; 0 for what is no plant.
     pub species: u32,
 }
@@ -173,6 +175,7 @@ mod tests {
             roughness,
             variation: 0.0,
             is_ground: false,
+            texture: None,
             species: 0,
         };
         Bsdf::new(&material, Vec3::Z, Vec3::Z, view)

@@ -64,6 +64,17 @@ impl Camera {
         }
     }
 
+    /// Width of half a pixel at the eye, m, and what it gains on a metre, in a picture of `width`
+    /// pixels: half, because the samples of a pixel are spread over it and blur once more.
+    pub fn cone(&self, width: usize) -> [f32; 2] {
+        let half = self.right.length() / width as f32;
+        match self.projection {
+            Projection::Perspective => [0.0, half],
+            Projection::Orthographic => [half, 0.0],
+            Projection::Panorama => [0.0, PI / width as f32],
+        }
+    }
+
     /// The ray through a point of the picture: x from -1 (left) to 1, y from -1 (bottom) to 1;
     /// `lens` picks a point of the lens.
     pub fn ray(&self, x: f32, y: f32, lens: [f32; 2]) -> Ray {

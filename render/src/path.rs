@@ -38,6 +38,10 @@ const SURE_BOUNCES: u32 = 2;
 /// worth their full price. Leaves absorb so much that higher values buy rays that nobody sees.
 const WORTH: f32 = 5.0;
 
+/// What the cone of a scattered ray gains on a metre: scattering blurs, and what it shows needs no
+/// finer texels.
+const SCATTERED_SPREAD: f32 = 0.2;
+
 /// Water surfaces that a path may cross; more are only met between ripples.
 const CROSSINGS: u32 = 8;
 
@@ -61,9 +65,11 @@ pub fn render(
     config.check_size()?;
     let [width, height] = config.resolution.map(|side| side as usize);
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
+    let camera = camera(scene, view, config);
     let job = Job {
         tracer: Tracer { scene, bounces: config.bounces },
-        camera: camera(scene, view, config),
+        cone: camera.cone(width),
+        camera,
         filter: Filter::new(),
         seed: seed.part("render", 0),
         samples: config.samples,
@@ -126,6 +132,8 @@ struct Job<'a> {
     tracer: Tracer<'a>,
     camera: Camera,
     filter: Filter,
+    /// Width of a pixel at the eye, m, and what it gains on a metre.
+    cone: [f32; 2],
     seed: Seed,
     samples: u32,
     /// Noise at which a tile is done, or 0.
@@ -220,7 +228,7 @@ impl Job<'_> {
             let px = at(x, self.filter.offset(fx), self.width);
             let py = -at(y, self.filter.offset(fy), self.height);
             let ray = self.camera.ray(px, py, [lens_u, lens_v]);
-            let gathered = self.tracer.trace(ray, &mut sampler, scratch);
+            let gathered = self.tracer.trace(ray, self.cone, &mut sampler, scratch);
             self.expose(pixel, ballots, &gathered);
         }
     }
@@ -332,6 +340,10 @@ struct Path {
     bounces: u32,
     /// Water surfaces crossed.
     crossings: u32,
+    /// The cone that the ray stands for: its width where the ray starts, m, and what it gains on
+    /// a metre.
+    width: f32,
+    spread: f32,
     /// Whether the ray runs under water.
     in_water: bool,
     /// Whether only mirrors lie between the ray and the eye.
@@ -362,8 +374,15 @@ struct Vertex {
 }
 
 impl Tracer<'_> {
-    /// Light along a ray, and what it meets first.
-    fn trace(&self, ray: Ray, sampler: &mut Sampler, scratch: &mut Scratch) -> Gathered {
+    /// Light along a ray, and what it meets first. `cone` is the width of a pixel where the ray
+    /// starts, m, and what it gains on a metre.
+    fn trace(
+        &self,
+        ray: Ray,
+        cone: [f32; 2],
+        sampler: &mut Sampler,
+        scratch: &mut Scratch,
+    ) -> Gathered {
         let mut path = Path {
             ray,
             beta: Vec3::ONE,
@@ -371,6 +390,8 @@ impl Tracer<'_> {
             direct: Vec3::ZERO,
             bounces: 0,
             crossings: 0,
+            width: cone[0],
+            spread: cone[1],
             in_water: false,
             is_straight: true,
             drawn: None,
@@ -416,18 +437,25 @@ impl Tracer<'_> {
     fn vertex(&self, path: &Path, hit: &Hit) -> Vertex {
         let place = self.scene.levels.place(self.scene.solid, hit);
         let position = path.ray.origin + hit.t * path.ray.direction;
-        let material = self.material(&place, position);
+        let width = path.width + path.spread * hit.t;
+        let material = self.material(&place, position, width);
         let bsdf = Bsdf::new(&material, place.geometric, place.shading, -path.ray.direction);
         let (emission, species) = (material.emission, material.species);
         Vertex { position, bsdf, emission, species, plant: place.plant }
     }
 
-    /// The material at a place, with its variation from organ to organ and plant to plant.
-    fn material(&self, place: &Place, position: Vec3) -> Material {
+    /// The material at a place, with its texture as seen through a window of a width, m, and its
+    /// variation from organ to organ and plant to plant.
+    fn material(&self, place: &Place, position: Vec3, width: f32) -> Material {
         let mut material = self.scene.materials[usize::from(place.face.material)];
         if let (true, Some(colors)) = (material.is_ground, &self.scene.colors) {
             material.reflectance = colors.reflectance(position.x, position.y);
             return material;
+        }
+        if let Some(texture) = material.texture {
+            let color = self.scene.levels.paints.color(texture, place, width);
+            material.reflectance *= color;
+            material.transmittance *= color;
         }
         if material.variation > 0.0 {
             let organ = f32::from(place.face.shade) / 65536.0;
@@ -509,6 +537,8 @@ impl Tracer<'_> {
             return false;
         };
         path.beta *= sample.weight;
+        path.width += path.spread * vertex.position.distance(path.ray.origin);
+        path.spread = path.spread.max(SCATTERED_SPREAD);
         path.ray = Ray { origin: from(sample.direction), direction: sample.direction };
         path.drawn = Some((sample.pdf, chance));
         path.is_straight = false;
@@ -761,6 +791,7 @@ mod tests {
             roughness: 1.0,
             variation: 0.0,
             is_ground: false,
+            texture: None,
             species: 1,
         }
     }
@@ -796,7 +827,7 @@ mod tests {
         let mut scratch = Scratch::default();
         let light = |number: u32| {
             let mut sampler = Sampler::new(Seed(1), 5, number);
-            tracer.trace(ray(number), &mut sampler, &mut scratch).light.as_dvec3()
+            tracer.trace(ray(number), [0.0; 2], &mut sampler, &mut scratch).light.as_dvec3()
         };
         ((0..samples).map(light).sum::<glam::DVec3>() / f64::from(samples)).as_vec3()
     }
@@ -1079,7 +1110,7 @@ mod tests {
         let tracer = Tracer { scene: &scene, bounces: 64 };
         for number in 0..200 {
             let mut sampler = Sampler::new(Seed(1), 5, number);
-            let got = tracer.trace(outwards(number), &mut sampler, &mut Scratch::default());
+            let got = tracer.trace(outwards(number), [0.0; 2], &mut sampler, &mut Scratch::default());
             assert!((got.direct.x - 0.4 * 1.6).abs() < 1e-5, "{}", got.direct);
         }
         // With one scattering there is no other light.

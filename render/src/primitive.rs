@@ -2,7 +2,7 @@
 
 use glam::Vec3;
 
-/// Normals and material of a triangle.
+/// Normals, material and place on a texture of a triangle.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct Face {
     /// Unit normals at the corners, packed.
@@ -11,12 +11,33 @@ pub(crate) struct Face {
     pub material: u16,
     /// A random number shared by all triangles of an organ, by which its colour varies.
     pub shade: u16,
+    /// Number of the chart, counted from 1; 0 for none. [`CUT`] is set where parts are cut out.
+    chart: u32,
 }
+
+/// Bit of a face's chart that says that a texture decides where the surface is.
+const CUT: u32 = 1 << 31;
 
 impl Face {
     /// A face with normals at its corners.
     pub fn new(normals: [Vec3; 3], material: u16) -> Self {
-        Self { normals: normals.map(pack_normal), material, shade: 0 }
+        Self { normals: normals.map(pack_normal), material, shade: 0, chart: 0 }
+    }
+
+    /// The same face on a chart, perhaps with parts cut out.
+    pub fn on_chart(self, chart: u32, is_cut: bool) -> Self {
+        debug_assert!(chart < CUT - 1);
+        Self { chart: (chart + 1) | if is_cut { CUT } else { 0 }, ..self }
+    }
+
+    /// Number of the chart that it lies on.
+    pub fn chart(&self) -> Option<u32> {
+        (self.chart & !CUT).checked_sub(1)
+    }
+
+    /// Whether a texture decides where it is.
+    pub fn is_cut(&self) -> bool {
+        self.chart & CUT != 0
     }
 
     /// The same face with turned normals.
@@ -25,13 +46,13 @@ impl Face {
         Self { normals, ..self }
     }
 
-    /// The same face counted from another corner.
+    /// The same face counted from another corner; its chart is to be turned likewise.
     pub fn rotated(self, by: usize) -> Self {
         Self { normals: [0, 1, 2].map(|i| self.normals[(by + i) % 3]), ..self }
     }
 
     /// Whether this face, drawn on beyond its second and third corner, is `other`, which has
-    /// those two the other way round and a new corner before them.
+    /// those two the other way round and a new corner before them; charts are not looked at.
     pub fn continues(&self, other: &Face) -> bool {
         let [a, b, c] = self.normals;
         let [d, e, f] = other.normals;

@@ -1,18 +1,21 @@
 //! The scene: ground, water, plants and objects put together for tracing.
 
-use crate::accel::{Bounds, Instance, Level, Levels, MAX_DEPTH, Triangle, join_pairs};
+#[cfg(test)]
+use crate::accel::Triangle;
+use crate::accel::{Bounds, Instance, Level, Levels, MAX_DEPTH, join_pairs};
 use crate::bsdf::Material;
 use crate::ground::{self, Colors, Crown};
-use crate::primitive::Face;
+use crate::model::{self, Brush, Gallery};
+use crate::paint::{Charts, MOST_CHARTS, Paints};
 use crate::sky::Dome;
 use crate::water::Ripples;
 use crate::{Error, Sky, SkyPictures};
 use glam::{Quat, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use weald_contract::{
-    Instances, Layers, Mesh, Palette, PlantModel, Problem, Progress, Representative, Surface,
+    Instances, Layers, Palette, PlantModel, Problem, Progress, Representative,
 };
 
 /// Serves plant models; the caller grows them, or reads them from its cache.
@@ -123,20 +126,8 @@ pub fn estimate_bytes(
 /// ray through grass.
 const BAKED: u128 = 60_000;
 
-/// Variation of brightness from leaf to leaf.
-const LEAF_VARIATION: f32 = 0.16;
-
-/// Variation of brightness of bark and stems.
-const WOOD_VARIATION: f32 = 0.12;
-
 /// Trees, as far as litter is concerned: what is higher than this, m.
 const TREE_HEIGHT: f32 = 2.0;
-
-/// Radiance beyond which no light goes, kcd/m²: that of the sun's disc is 1.6 million.
-const MOST_RADIANCE: f32 = 1e7;
-
-/// Farthest coordinate of a model from its origin, m: beyond it single precision is too coarse.
-const MODEL_REACH: f32 = 1e5;
 
 impl Scene {
     /// Puts a scene together.
@@ -148,8 +139,10 @@ impl Scene {
         let origin = ground::origin(parts.terrain)?;
         let ground = ground::build(parts.terrain, origin)?;
         let mut assembly = Assembly::new(origin);
-        assembly.push(Level::mesh(&join_pairs(&ground.triangles)), 0);
-        assembly.push(Level::mesh(&join_pairs(&ground.water)), 0);
+        for triangles in [&ground.triangles, &ground.water] {
+            let level = Level::mesh(&join_pairs(triangles, &mut Charts::default()));
+            assembly.push(level, 0);
+        }
         let rows = rows_by_group(parts.instances);
         assembly.add_plants(parts, &rows, progress)?;
         assembly.add_groups(parts, &rows)?;
@@ -160,11 +153,15 @@ impl Scene {
         top.push((standing_at([0.0; 3], 0.0, 1.0, GROUND_LEVEL), 0));
         assembly.add_objects(parts.objects, &mut top)?;
         assembly.push_group(&top, false);
-        let statistics = assembly.statistics();
+        let paints = assembly.take_paints()?;
+        let statistics = Statistics {
+            bytes: assembly.statistics().bytes + paints.bytes(),
+            ..assembly.statistics()
+        };
         Ok(Scene {
             solid: assembly.levels.len() as u32 - 1,
             water: WATER_LEVEL,
-            levels: Levels::new(assembly.levels),
+            levels: Levels::new(assembly.levels).painted(paints),
             has_lights: has_lights(&assembly.materials),
             materials: assembly.materials,
             colors: Some(Colors::new(parts.terrain, &crowns(parts, rows.get(&0)))),
@@ -291,6 +288,12 @@ struct Assembly {
     /// Placements so far.
     placements: u64,
     materials: Vec<Material>,
+    /// How each of the materials is painted, if it is.
+    brushes: Vec<Option<Brush>>,
+    gallery: Gallery,
+    /// Charts and outlines of all models, in the order in which threads came by, which shows
+    /// nowhere.
+    paints: Mutex<Paints>,
     /// Level and nesting depth of each representative and group.
     by_id: BTreeMap<u32, (u32, usize)>,
     models: u64,
@@ -305,6 +308,7 @@ impl Assembly {
             roughness: 1.0,
             variation: 0.0,
             is_ground: false,
+            texture: None,
             species: 0,
         };
         // In the order of GROUND_MATERIAL and WATER_MATERIAL.
@@ -314,7 +318,10 @@ impl Assembly {
             levels: Vec::new(),
             plants: Vec::new(),
             placements: 0,
+            brushes: vec![None; materials.len()],
             materials,
+            gallery: Gallery::default(),
+            paints: Mutex::default(),
             by_id: BTreeMap::new(),
             models: 0,
         }
@@ -360,8 +367,7 @@ impl Assembly {
                     return Err(Error::Cancelled);
                 }
                 let what = format!("prototype {} ({})", plant.id, plant.species);
-                let triangles = flatten(&model, &what, base)?;
-                let level = Level::mesh(&triangles);
+                let level = self.level_of(&model, &what, base)?;
                 progress.advance(1);
                 Ok(level)
             })
@@ -387,23 +393,49 @@ impl Assembly {
             .map(|(model, plant)| {
                 let model = model?;
                 let species = parts.species.binary_search(&plant.species);
-                let base = self.add_materials(&model, species.map_or(0, |i| i as u32 + 1))?;
+                let what = format!("prototype {} ({})", plant.id, plant.species);
+                let species = species.map_or(0, |i| i as u32 + 1);
+                let base = self.add_materials(&model, &what, species)?;
                 Ok((model, base))
             })
             .collect()
     }
 
     /// Takes over a model's materials; returns the number of the first.
-    fn add_materials(&mut self, model: &PlantModel, species: u32) -> Result<u16, Error> {
+    fn add_materials(
+        &mut self,
+        model: &PlantModel,
+        what: &str,
+        species: u32,
+    ) -> Result<u16, Error> {
         self.models += 1;
         let base = self.materials.len();
-        self.materials.extend(model.materials.iter().map(|source| material(source, species)));
+        for source in &model.materials {
+            let brush = self.gallery.brush(source, model).map_err(|why| Error::BadModel {
+                what: what.to_string(),
+                why: format!("material `{}` {why}", source.name),
+            })?;
+            let texture = brush.map(|brush| brush.texture);
+            self.materials.push(Material { texture, ..model::material(source, species) });
+            self.brushes.push(brush);
+        }
         let count = self.materials.len();
         if count > usize::from(u16::MAX) {
             let what = "materials of all models".to_string();
             return Err(Error::TooMany { what, count, limit: usize::from(u16::MAX) });
         }
         Ok(base as u16)
+    }
+
+    /// The level of a model whose materials begin with number `base`.
+    fn level_of(&self, model: &PlantModel, what: &str, base: u16) -> Result<Level, Error> {
+        let brushes = &self.brushes[usize::from(base)..][..model.materials.len()];
+        let mut shape = model::shape(model, what, base, brushes, &self.gallery.textures)?;
+        {
+            let mut all = self.paints.lock().unwrap_or_else(PoisonError::into_inner);
+            shape.join(&mut all);
+        }
+        Ok(Level::mesh(&shape.triangles))
     }
 
     /// Adds the group levels, inner ones first.
@@ -495,12 +527,24 @@ impl Assembly {
                 let why = "its place, turn or scale is no sensible number".to_string();
                 return Err(Error::BadModel { what, why });
             }
-            let base = self.add_materials(&object.model, 0)?;
-            let triangles = flatten(&object.model, &what, base)?;
-            let level = self.push(Level::mesh(&triangles), 0);
+            let base = self.add_materials(&object.model, &what, 0)?;
+            let level = self.level_of(&object.model, &what, base)?;
+            let level = self.push(level, 0);
             top.push((standing_at(position, object.yaw, object.scale, level), 0));
         }
         Ok(())
+    }
+
+    /// Everything that faces are painted with.
+    fn take_paints(&mut self) -> Result<Paints, Error> {
+        let textures = std::mem::take(&mut self.gallery.textures);
+        let all = std::mem::take(self.paints.get_mut().unwrap_or_else(PoisonError::into_inner));
+        let count = all.charts.len();
+        if count > MOST_CHARTS {
+            let what = "triangles with texture coordinates of their own".to_string();
+            return Err(Error::TooMany { what, count, limit: MOST_CHARTS });
+        }
+        Ok(Paints { textures, ..all })
     }
 
     fn statistics(&self) -> Statistics {
@@ -565,130 +609,11 @@ fn unresolved(
     }
 }
 
-/// A plant's material as the integrator wants it.
-///
-/// Reflectance and transmittance are scaled down where together they would exceed 1.
-fn material(source: &weald_contract::Material, species: u32) -> Material {
-    let clean = |rgb: [f32; 3]| {
-        Vec3::from_array(rgb.map(|c| if c.is_finite() { c.clamp(0.0, 1.0) } else { 0.0 }))
-    };
-    let reflectance = clean(source.reflectance);
-    let (transmittance, emission, variation) = match source.surface {
-        Surface::Opaque => (Vec3::ZERO, Vec3::ZERO, WOOD_VARIATION),
-        Surface::Leaf { transmittance } => (clean(transmittance), Vec3::ZERO, LEAF_VARIATION),
-        Surface::Light { radiance } => (Vec3::ZERO, shining(radiance), 0.0),
-    };
-    let excess = (reflectance + transmittance).max_element().max(1.0);
-    Material {
-        reflectance: reflectance / excess,
-        transmittance: transmittance / excess,
-        emission,
-        roughness: if source.roughness.is_finite() {
-            source.roughness.clamp(0.0, 1.0)
-        } else {
-            1.0
-        },
-        variation,
-        is_ground: false,
-        species,
-    }
-}
-
-/// Radiance of a light: what is no number, or below 0, shines not.
-fn shining(radiance: [f32; 3]) -> Vec3 {
-    Vec3::from_array(
-        radiance.map(|c| if c.is_finite() { c.clamp(0.0, MOST_RADIANCE) } else { 0.0 }),
-    )
-}
-
-/// All triangles of a model, organs at each of their places, with materials from `base` on.
-fn flatten(model: &PlantModel, what: &str, base: u16) -> Result<Vec<Triangle>, Error> {
-    let damaged = |why: String| Error::BadModel { what: what.to_string(), why };
-    let mut triangles = Vec::with_capacity(model.instanced_triangles() as usize);
-    for (number, mesh) in model.wood.iter().enumerate() {
-        check(mesh, model).map_err(|why| damaged(format!("wood mesh {number} {why}")))?;
-        append(mesh, base, &mut triangles, &|p| p, &|n| n);
-    }
-    for organ in &model.organs {
-        for mesh in &organ.meshes {
-            check(mesh, model).map_err(|why| damaged(format!("organ `{}` {why}", organ.name)))?;
-            for (number, place) in organ.placements.iter().enumerate() {
-                let turn = Quat::from_array(place.rotation);
-                let (scale, move_by) = (Vec3::from(place.scale), Vec3::from(place.position));
-                if !(turn.is_finite() && scale.is_finite() && move_by.is_finite()) {
-                    let why = format!("a place of organ `{}` is no number", organ.name);
-                    return Err(damaged(why));
-                }
-                let turn = turn.normalize();
-                // Normals scale by the inverse, or they would lean on stretched organs.
-                let shrink = Vec3::from_array(
-                    place.scale.map(|s| if s.abs() > 1e-12 { 1.0 / s } else { 0.0 }),
-                );
-                let point = |p: Vec3| turn * (scale * p) + move_by;
-                let normal = |n: Vec3| (turn * (shrink * n)).normalize_or(Vec3::Z);
-                let first = triangles.len();
-                append(mesh, base, &mut triangles, &point, &normal);
-                let shade = weald_contract::seed::mix(number as u64) as u16;
-                triangles[first..].iter_mut().for_each(|t| t.face.shade = shade);
-            }
-        }
-    }
-    let reach = |t: &Triangle| {
-        t.corners.iter().any(|c| !c.is_finite() || c.abs().max_element() > MODEL_REACH)
-    };
-    if triangles.iter().any(reach) {
-        return Err(damaged(format!("it reaches farther than {MODEL_REACH} m")));
-    }
-    if triangles.len() > u32::MAX as usize / 8 {
-        return Err(Error::TooMany {
-            what: format!("triangles of {what}"),
-            count: triangles.len(),
-            limit: u32::MAX as usize / 8,
-        });
-    }
-    Ok(join_pairs(&triangles))
-}
-
-/// What is wrong with a mesh, if anything is.
-fn check(mesh: &Mesh, model: &PlantModel) -> Result<(), String> {
-    if !mesh.is_sound(model.materials.len()) {
-        return Err("has an index out of range or columns of unequal length".into());
-    }
-    match mesh.positions.iter().position(|p| p.iter().any(|c| !c.is_finite())) {
-        Some(index) => Err(format!("has a vertex that is no number (vertex {index})")),
-        None => Ok(()),
-    }
-}
-
-/// Adds a mesh's triangles, brought to their place.
-fn append(
-    mesh: &Mesh,
-    base: u16,
-    triangles: &mut Vec<Triangle>,
-    point: &dyn Fn(Vec3) -> Vec3,
-    normal: &dyn Fn(Vec3) -> Vec3,
-) {
-    for indices in &mesh.triangles {
-        let corners = indices.map(|i| point(Vec3::from(mesh.positions[i as usize])));
-        let flat = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
-        let flat = flat.normalize_or(Vec3::Z);
-        let normals = if mesh.normals.is_empty() {
-            [flat; 3]
-        } else {
-            indices.map(|i| {
-                let n = normal(Vec3::from(mesh.normals[i as usize]));
-                if n.is_finite() { n } else { flat }
-            })
-        };
-        triangles.push(Triangle::new(corners, Face::new(normals, base + mesh.material as u16)));
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use weald_contract::instances::Instance as Row;
-    use weald_contract::{Frame, Group, Silent};
+    use weald_contract::{Frame, Group, Mesh, Silent};
 
     struct Models(PlantModel);
 

@@ -6,6 +6,7 @@ use super::build::{Wide, build, widen};
 use super::lanes::{LEAF, LocalRay};
 use super::split::{Pieces, split};
 use super::tight::Nodes;
+use crate::paint::Charts;
 use crate::primitive::Face;
 use glam::{Mat3A, Vec3, Vec3A};
 
@@ -26,12 +27,19 @@ pub(crate) struct Block {
     pub corner: [[f32; 8]; 3],
     pub edge_1: [[f32; 8]; 3],
     pub edge_2: [[f32; 8]; 3],
-    /// Index of each triangle's face; [`HALF`] is set where the parallelogram is meant.
+    /// Index of each triangle's face; [`HALF`] is set where the parallelogram is meant, [`CUT`]
+    /// where a texture decides whether there is anything.
     pub face: [u32; 8],
 }
 
 /// Bit of a face's index that marks a parallelogram: the sign, by which vectors blend.
 pub(crate) const HALF: u32 = 1 << 31;
+
+/// Bit of a face's index that says that parts of it are cut out.
+pub(crate) const CUT: u32 = 1 << 30;
+
+/// The face's index itself.
+pub(crate) const FACE: u32 = CUT - 1;
 
 /// A placement: scaled, then rotated, then moved. 28 bytes; scenes have millions.
 #[derive(Clone, Copy, Debug)]
@@ -139,7 +147,7 @@ impl Triangle {
 
     /// The parallelogram of two triangles that share an edge, if they make one: in shape within
     /// rounding, in material and normals too.
-    pub fn joined(&self, other: &Triangle) -> Option<Triangle> {
+    pub fn joined(&self, other: &Triangle, charts: &mut Charts) -> Option<Triangle> {
         // The corner that the other lacks comes first, so that the shared edge lies opposite.
         let turn = (0..3).find(|&i| !other.corners.contains(&self.corners[i]))?;
         let [a, b, c] = [0, 1, 2].map(|i| self.corners[(turn + i) % 3]);
@@ -148,9 +156,22 @@ impl Triangle {
         let rounding = 2.0 * f32::EPSILON * (a.abs() + b.abs() + c.abs() + d.abs()).max_element();
         let slack = rounding + 1e-5 * (b - a).abs().max((c - a).abs()).max_element();
         let is_whole = (e, f) == (c, b) && (b + c - a - d).abs().max_element() <= slack;
-        let face = self.face.rotated(turn);
-        (is_whole && !self.is_half && !other.is_half && face.continues(&other.face.rotated(far)))
-            .then_some(Triangle { corners: [a, b, c], face, is_half: true })
+        let (face, beyond) = (self.face.rotated(turn), other.face.rotated(far));
+        if !is_whole || self.is_half || other.is_half || !face.continues(&beyond) {
+            return None;
+        }
+        let face = match (face.chart(), beyond.chart()) {
+            (None, None) => face,
+            (Some(chart), Some(beyond)) => {
+                let (chart, beyond) = (charts.turn(chart, turn), charts.turn(beyond, far));
+                if !charts.continues(chart, beyond) {
+                    return None;
+                }
+                face.on_chart(chart, face.is_cut())
+            }
+            _ => return None,
+        };
+        Some(Triangle { corners: [a, b, c], face, is_half: true })
     }
 
     /// The smallest box around it.
@@ -166,12 +187,12 @@ impl Triangle {
     }
 }
 
-/// Joins neighbours in a list into parallelograms.
-pub(crate) fn join_pairs(triangles: &[Triangle]) -> Vec<Triangle> {
+/// Joins neighbours in a list into parallelograms; faces lie on `charts`.
+pub(crate) fn join_pairs(triangles: &[Triangle], charts: &mut Charts) -> Vec<Triangle> {
     let mut joined = Vec::with_capacity(triangles.len());
     let mut rest = triangles;
     while let [first, tail @ ..] = rest {
-        let whole = tail.first().and_then(|second| first.joined(second));
+        let whole = tail.first().and_then(|second| first.joined(second, charts));
         joined.push(whole.unwrap_or(*first));
         rest = if whole.is_some() { &tail[1..] } else { tail };
     }
@@ -188,7 +209,7 @@ impl Block {
 
     /// The triangles inside. Lanes are filled from the first on, and each face is used once.
     fn unpack(&self, faces: &[Face]) -> Vec<Triangle> {
-        let number = |lane: usize| self.face[lane] & !HALF;
+        let number = |lane: usize| self.face[lane] & FACE;
         let is_used = |&lane: &usize| lane == 0 || number(lane) > number(lane - 1);
         let triangle = |lane: usize| {
             let corner = Vec3::from_array([0, 1, 2].map(|axis| self.corner[axis][lane]));
@@ -209,7 +230,9 @@ impl Block {
                 block.edge_1[axis][lane] = b[axis] - a[axis];
                 block.edge_2[axis][lane] = c[axis] - a[axis];
             }
-            block.face[lane] = if triangle.is_half { face | HALF } else { face };
+            let flag = |is_set: bool, bit: u32| if is_set { bit } else { 0 };
+            let cut = flag(triangle.face.is_cut(), CUT);
+            block.face[lane] = face | flag(triangle.is_half, HALF) | cut;
         }
         block
     }
@@ -240,6 +263,11 @@ impl Instance {
         let turn = |v: Vec3| rotate(axis, -w, gain, v) * shrink;
         let origin = turn(ray.origin - Vec3::from_array(self.position));
         LocalRay::new(origin, turn(ray.direction))
+    }
+
+    /// Its scale.
+    pub fn scale(&self) -> f32 {
+        self.scale
     }
 
     /// Turns a direction from the space of what is placed into the space of the placement.

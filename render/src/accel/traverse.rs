@@ -2,8 +2,9 @@
 
 use super::Bounds;
 use super::lanes::{LEAF, LaneHits, Lanes, LocalRay, Portable};
-use super::level::{Block, Content, HALF, Instance, Level, Part};
+use super::level::{Block, CUT, Content, FACE, Instance, Level, Part};
 use super::tight::{Branch, Nodes};
+use crate::paint::Paints;
 use crate::primitive::Face;
 use glam::Vec3;
 
@@ -57,6 +58,10 @@ pub(crate) struct Place {
     pub shading: Vec3,
     /// Material and colour of the triangle.
     pub face: Face,
+    /// Barycentric weights of the second and third corner.
+    pub weights: [f32; 2],
+    /// Area of the parallelogram of which the triangle is half, m².
+    pub area: f32,
     /// Plant of the outermost placement, 0 for none.
     pub plant: u64,
 }
@@ -88,6 +93,8 @@ struct Entry {
 /// All levels of a scene; each refers only to those before it.
 pub(crate) struct Levels {
     list: Vec<Level>,
+    /// What faces are painted with, and where they are cut out.
+    pub paints: Paints,
     has_avx2: bool,
 }
 
@@ -116,7 +123,12 @@ impl Levels {
         let has_avx2 = std::arch::is_x86_feature_detected!("avx2");
         #[cfg(not(target_arch = "x86_64"))]
         let has_avx2 = false;
-        Self { list, has_avx2 }
+        Self { list, paints: Paints::default(), has_avx2 }
+    }
+
+    /// The same levels with what their faces are painted with.
+    pub fn painted(self, paints: Paints) -> Self {
+        Self { paints, ..self }
     }
 
     /// The same levels, walked by plain loops.
@@ -153,6 +165,7 @@ impl Levels {
         let ray = LocalRay::new(ray.origin, ray.direction);
         let mut walk = Walk {
             levels: &self.list,
+            paints: &self.paints,
             path: [0; MAX_DEPTH],
             hit,
             stack: &mut scratch.stack,
@@ -191,10 +204,14 @@ impl Levels {
             let turned = inner_first.fold(normal, |normal, instance| instance.turn(normal));
             turned.normalize_or(Vec3::Z)
         };
+        let scale: f32 = chain.iter().flatten().map(|instance| instance.scale()).product();
+        let across = edges.0.cross(edges.1);
         Place {
-            geometric: out(edges.0.cross(edges.1).normalize_or(Vec3::Z)),
+            geometric: out(across.normalize_or(Vec3::Z)),
             shading: out(face.normal(hit.u, hit.v)),
             face,
+            weights: [hit.u, hit.v],
+            area: across.length() * scale * scale,
             plant,
         }
     }
@@ -207,7 +224,7 @@ impl Level {
         match &self.content {
             Content::Mesh { blocks, faces, .. } => {
                 let block: &Block = &blocks[block];
-                (faces[(block.face[lane] & !HALF) as usize], block.edges(lane))
+                (faces[(block.face[lane] & FACE) as usize], block.edges(lane))
             }
             Content::Group { .. } => (Face::default(), (Vec3::X, Vec3::Y)),
         }
@@ -217,6 +234,7 @@ impl Level {
 /// State of a walk.
 struct Walk<'a> {
     levels: &'a [Level],
+    paints: &'a Paints,
     path: [u32; MAX_DEPTH],
     hit: &'a mut Hit,
     stack: &'a mut [Entry; STACK],
@@ -306,11 +324,16 @@ unsafe fn walk_level<L: Lanes, const ANY: bool>(
     let levels = walk.levels;
     let level = &levels[number as usize];
     match &level.content {
-        Content::Mesh { blocks, .. } => {
+        Content::Mesh { blocks, faces, .. } => {
             let leaf = |walk: &mut Walk<'_>, leaf: u32| {
+                let block = &blocks[leaf as usize];
                 // SAFETY: the caller vouches for the features.
-                let found = unsafe { L::triangles(&blocks[leaf as usize], ray, walk.hit.t) };
-                found.mask != 0 && record(walk, &found, number, leaf, depth)
+                let mut found = unsafe { L::triangles(block, ray, walk.hit.t) };
+                if found.mask != 0 {
+                    cut_out(walk.paints, &mut found, block, faces);
+                    record(walk, &found, number, leaf, depth);
+                }
+                found.mask != 0
             };
             let Nodes::Wide(nodes) = &level.nodes else { return false };
             // SAFETY: as above.
@@ -457,6 +480,28 @@ fn touch<T>(list: &[T], index: usize) {
     let _ = (list, index);
 }
 
+/// Forgets what was met where it is cut out.
+#[inline(always)]
+fn cut_out(
+    paints: &Paints,
+    found: &mut super::lanes::TriangleHits,
+    block: &Block,
+    faces: &[Face],
+) {
+    let mut mask = found.mask;
+    while mask != 0 {
+        let lane = mask.trailing_zeros() as usize & 7;
+        mask &= mask - 1;
+        let number = block.face[lane];
+        if number & CUT != 0
+            && let Some(chart) = faces[(number & FACE) as usize].chart()
+            && !paints.is_there(chart, found.u[lane], found.v[lane])
+        {
+            found.mask &= !(1 << lane);
+        }
+    }
+}
+
 /// Keeps the nearest of the triangles that were met.
 #[inline(always)]
 fn record(
@@ -465,7 +510,7 @@ fn record(
     level: u32,
     block: u32,
     depth: usize,
-) -> bool {
+) {
     let mut mask = found.mask;
     while mask != 0 {
         let lane = mask.trailing_zeros() as usize;
@@ -482,13 +527,14 @@ fn record(
             };
         }
     }
-    found.mask != 0
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::{Triangle, join_pairs};
+    use super::super::level::HALF;
     use super::*;
+    use crate::paint::Charts;
     use glam::Quat;
     use weald_contract::{Seed, seed::Stream};
 
@@ -622,7 +668,7 @@ mod tests {
     fn parallelograms_and_cut_slivers_are_met_where_brute_force_meets_them() {
         let mut chance = Seed(21).stream("leaves", 0);
         let list = leaves_and_twigs(&mut chance);
-        let joined = join_pairs(&list);
+        let joined = join_pairs(&list, &mut Charts::default());
         assert_eq!(joined.len(), 460, "each pair is one");
         let level = Level::mesh(&joined);
         assert_eq!(level.triangle_count(&[]), list.len() as u128);
@@ -650,20 +696,20 @@ mod tests {
             Triangle::new([far, Vec3::Y, Vec3::X], Face::new([Vec3::Z; 3], material))
         };
         let whole = Vec3::new(1.0, 1.0, 0.0);
-        assert!(first.joined(&other(whole, 1)).is_some());
-        assert!(first.joined(&other(whole, 2)).is_none(), "another material");
-        assert!(first.joined(&other(whole + 0.01, 1)).is_none(), "a kite");
+        assert!(first.joined(&other(whole, 1), &mut Charts::default()).is_some());
+        assert!(first.joined(&other(whole, 2), &mut Charts::default()).is_none(), "another material");
+        assert!(first.joined(&other(whole + 0.01, 1), &mut Charts::default()).is_none(), "a kite");
         let turned = Triangle::new([whole, Vec3::X, Vec3::Y], Face::new([Vec3::Z; 3], 1));
-        assert!(first.joined(&turned).is_none(), "it faces the other way");
+        assert!(first.joined(&turned, &mut Charts::default()).is_none(), "it faces the other way");
         let bent =
             Triangle::new([whole, Vec3::Y, Vec3::X], Face::new([Vec3::X, Vec3::Z, Vec3::Z], 1));
-        assert!(first.joined(&bent).is_none(), "its normals bend");
+        assert!(first.joined(&bent, &mut Charts::default()).is_none(), "its normals bend");
     }
 
     #[test]
     fn crowded_placements_are_met_where_brute_force_meets_them() {
         let mut chance = Seed(23).stream("crowd", 0);
-        let mesh = Level::mesh(&join_pairs(&leaves_and_twigs(&mut chance)));
+        let mesh = Level::mesh(&join_pairs(&leaves_and_twigs(&mut chance), &mut Charts::default()));
         let placed: Vec<(Instance, u64)> = placements(&mut chance, 120, 1)
             .into_iter()
             .map(|(instance, plant)| {

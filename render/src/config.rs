@@ -1,6 +1,17 @@
 //! The tables `[render]` and `[sky]` of a scene.
 
-use weald_contract::{Input, InputKind, Problem, Problems, Span, View, Written, table};
+use weald_contract::{Input, InputKind, Problem, Problems, Span, View, Written, table, words};
+
+words! {
+    /// How light is followed.
+    pub enum Light {
+        /// Paths of up to `bounces` scatterings: what is right.
+        Paths = "paths",
+        /// From what the eye sees to sun and sky only, dimmed by the leaves on the way [Deussen98]:
+        /// what is fast.
+        Direct = "direct",
+    }
+}
 
 table! {
     /// How the picture is made.
@@ -16,9 +27,13 @@ table! {
         noise: f32 = 0.0, in 0.0..=1.0;
         /// Scattering events after which a path ends; 1 is direct light only.
         bounces: u32 = 6, in 1.0..=64.0;
+        /// How light is followed: `paths`, or `direct` for a fast picture.
+        light: Light = Light::Paths;
         /// Stops by which the preview is brighter than the automatic exposure; the EXR is not
         /// touched by it.
         exposure: f32 = 0.0, in -20.0..=20.0;
+        /// Whether Open Image Denoise takes the noise out, where it is installed.
+        denoise: bool = false;
         /// Diameter of the lens, mm; 0 is a pinhole, where everything is sharp. The lens is
         /// focused on the point that the view looks at.
         aperture_mm: f32 = 0.0, in 0.0..=1000.0;

@@ -43,7 +43,7 @@ pub use tone::tone_map;
 use weald_contract::Problem;
 
 /// Changes whenever the same input would give other bytes than before.
-pub const OUTPUT_VERSION: u32 = 5;
+pub const OUTPUT_VERSION: u32 = 6;
 
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]

@@ -430,4 +430,49 @@ mod tests {
         assert!(try_brush(&flat).is_err());
         assert_eq!(gallery.textures.len(), 1);
     }
+
+    #[test]
+    #[ignore = "measures speed: run it alone, with --nocapture"]
+    fn outlines_spare_most_looks_at_texels() {
+        use std::time::Instant;
+        // Cards of 10 cm with a disc on them, at random in a box of 20 m: the inside of a crown.
+        let texel = |i: usize| {
+            let (x, y) = ((i % 128) as f32 - 63.5, (i / 128) as f32 - 63.5);
+            [9, 99, 9, (255.0 * (60.5 - x.hypot(y)).clamp(0.0, 1.0)) as u8]
+        };
+        let texels = (0..128 * 128).map(texel).collect();
+        let texture = Texture { name: "disc".into(), width: 128, height: 128, texels };
+        let mut model = leaf(texture, Some(0.5));
+        let mut chance = weald_contract::Seed(9).stream("crown", 0);
+        let place = |_| Placement {
+            position: [0; 3].map(|_| chance.around(0.0, 10.0) as f32),
+            rotation: Quat::from_array([0; 4].map(|_| chance.normal() as f32))
+                .normalize()
+                .to_array(),
+            scale: [0.1; 3],
+        };
+        model.organs[0].placements = (0..500_000).map(place).collect();
+        let (mapped, _) = levels(&model);
+        let (mut asking, _) = levels(&model);
+        asking.paints.outlines.iter_mut().for_each(Outline::forget);
+        model.materials[0].cutout = None;
+        let (whole, _) = levels(&model);
+        let rays: Vec<Ray> =
+            crate::probe::random_rays(mapped.bounds(0), weald_contract::Seed(1), 0)
+                .take(400_000)
+                .collect();
+        for (name, levels) in
+            [("maps", &mapped), ("texels", &asking), ("no cut-outs", &whole)].repeat(3)
+        {
+            let mut scratch = Scratch::default();
+            let start = Instant::now();
+            let met =
+                rays.iter().filter(|ray| levels.is_blocked(0, ray, f32::INFINITY, &mut scratch));
+            let met = met.count();
+            println!(
+                "{name}: {:.3} million rays a second, {met} met",
+                rays.len() as f64 / start.elapsed().as_secs_f64() / 1e6
+            );
+        }
+    }
 }

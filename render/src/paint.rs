@@ -159,6 +159,12 @@ impl Outline {
         }
     }
 
+    /// Forgets the map, so that the texture is asked everywhere.
+    #[cfg(test)]
+    pub fn forget(&mut self) {
+        self.cells = [0xaaaa_aaaa; CELLS];
+    }
+
     /// What there is of a whole triangle, or of the parallelogram that it is half of.
     pub fn of_all(&self, is_half: bool) -> Presence {
         let mut counts = [0; 3];
@@ -475,8 +481,7 @@ mod tests {
         let textures = vec![Pyramid::new(&texture, true)];
         for number in 0..40 {
             let size = if number == 0 { 0.0 } else { chance.range(0.1, 3.0) };
-            let corners =
-                [0; 3].map(|_| [0; 2].map(|_| (chance.range(-2.0, 2.0) * size) as f32));
+            let corners = [0; 3].map(|_| [0; 2].map(|_| (chance.range(-2.0, 2.0) * size) as f32));
             let chart = if number == 1 { whole() } else { Chart { corners, outline: 0 } };
             let outline = Outline::new(&chart, &textures, 0, 0.4);
             for _ in 0..500 {

@@ -10,6 +10,7 @@
 use crate::accel::{Hit, Place, Ray, Scratch as Stack};
 use crate::bsdf::{Bsdf, Material, any_direction};
 use crate::camera::{Camera, Filter};
+use crate::config::Light;
 use crate::film::{Film, FilmStatistics, Names, Pixel};
 use crate::matte::{Ballots, name_hash};
 use crate::noise::value;
@@ -42,6 +43,9 @@ const WORTH: f32 = 5.0;
 /// finer texels.
 const SCATTERED_SPREAD: f32 = 0.2;
 
+/// Light through leaves that is not followed further.
+const LEAST_PASSING: f32 = 0.01;
+
 /// Water surfaces that a path may cross; more are only met between ripples.
 const CROSSINGS: u32 = 8;
 
@@ -67,7 +71,7 @@ pub fn render(
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     let camera = camera(scene, view, config);
     let job = Job {
-        tracer: Tracer { scene, bounces: config.bounces },
+        tracer: Tracer::new(scene, config.bounces, config.light),
         cone: camera.cone(width),
         camera,
         filter: Filter::new(),
@@ -325,6 +329,8 @@ struct Scratch {
 struct Tracer<'a> {
     scene: &'a Scene,
     bounces: u32,
+    /// Whether leaves dim the light that they stand in the way of, and nothing is scattered twice.
+    is_direct: bool,
 }
 
 /// State of a path.
@@ -373,7 +379,12 @@ struct Vertex {
     plant: u64,
 }
 
-impl Tracer<'_> {
+impl<'a> Tracer<'a> {
+    fn new(scene: &'a Scene, bounces: u32, light: Light) -> Self {
+        let is_direct = light == Light::Direct;
+        Self { scene, bounces: if is_direct { 1 } else { bounces }, is_direct }
+    }
+
     /// Light along a ray, and what it meets first. `cone` is the width of a pixel where the ray
     /// starts, m, and what it gains on a metre.
     fn trace(
@@ -529,6 +540,9 @@ impl Tracer<'_> {
         };
         let chance = self.connect(path, sampler, scratch, &from, &evaluate);
         path.bounces += 1;
+        if self.is_direct {
+            return false;
+        }
         let [u, v, w, survival] = sampler.next();
         if path.bounces >= self.bounces {
             return self.finish(path, vertex, [u, v, w], &from, scratch);
@@ -563,7 +577,7 @@ impl Tracer<'_> {
         path.beta *= sample.weight;
         self.meet_light(path, &ray, scratch);
         let reach = self.reach(path, &ray, scratch);
-        if reach > 0.0 {
+        if reach != Vec3::ZERO {
             let dome = &self.scene.dome;
             let chance = if path.bounces == 1 { 1.0 } else { 1.0 - self.sun_chance() };
             let weight = heuristic(sample.pdf, chance * dome.pdf(ray.direction));
@@ -627,7 +641,8 @@ impl Tracer<'_> {
             let light = dome.sample(u);
             let (value, pdf) = evaluate(light.direction);
             let density = light.pdf * sky_chance;
-            let weight = heuristic(density, pdf) / density;
+            let share = if self.is_direct { 1.0 } else { heuristic(density, pdf) };
+            let weight = share / density;
             let gain = path.beta * value * light.radiance * weight;
             self.add_connection(path, light.direction, gain, scratch, from);
         }
@@ -651,22 +666,45 @@ impl Tracer<'_> {
     }
 
     /// Part of the light from far away that comes down a ray: none behind things, some under
-    /// water.
-    fn reach(&self, path: &Path, ray: &Ray, scratch: &mut Scratch) -> f32 {
+    /// water and, where nothing is scattered twice, through leaves.
+    fn reach(&self, path: &Path, ray: &Ray, scratch: &mut Scratch) -> Vec3 {
         let (scene, levels) = (self.scene, &self.scene.levels);
-        scratch.rays += 1;
-        if levels.is_blocked(scene.solid, ray, f32::INFINITY, &mut scratch.stack) {
-            return 0.0;
-        }
-        if !path.in_water {
-            return 1.0;
+        let passes = if self.is_direct {
+            self.through_leaves(ray, scratch)
+        } else {
+            scratch.rays += 1;
+            let is_blocked = levels.is_blocked(scene.solid, ray, f32::INFINITY, &mut scratch.stack);
+            if is_blocked { Vec3::ZERO } else { Vec3::ONE }
+        };
+        if passes == Vec3::ZERO || !path.in_water {
+            return passes;
         }
         let surface = levels.nearest(scene.water, ray, f32::INFINITY, &mut scratch.stack);
         if !surface.is_some() {
-            return 0.0;
+            return Vec3::ZERO;
         }
-        let passes = pane(ray.direction);
-        passes * water::transmittance(surface.t)
+        passes * pane(ray.direction) * water::transmittance(surface.t)
+    }
+
+    /// Part of the light that comes down a ray through leaves: the product of what they transmit.
+    fn through_leaves(&self, ray: &Ray, scratch: &mut Scratch) -> Vec3 {
+        let (scene, mut ray) = (self.scene, *ray);
+        let mut passes = Vec3::ONE;
+        while passes.max_element() > LEAST_PASSING {
+            scratch.rays += 1;
+            let hit = scene.levels.nearest(scene.solid, &ray, f32::INFINITY, &mut scratch.stack);
+            if !hit.is_some() {
+                return passes;
+            }
+            let place = scene.levels.place(scene.solid, &hit);
+            if scene.materials[usize::from(place.face.material)].transmittance == Vec3::ZERO {
+                return Vec3::ZERO;
+            }
+            let position = ray.origin + hit.t * ray.direction;
+            passes *= self.material(&place, position, SCATTERED_SPREAD * hit.t).transmittance;
+            ray.origin = position + clearance(position) * ray.direction;
+        }
+        Vec3::ZERO
     }
 
     /// Meets the water's surface: a mirror or a window for the eye's own ray and for light from
@@ -823,7 +861,7 @@ mod tests {
 
     /// Mean light of many samples along rays.
     fn mean(scene: &Scene, bounces: u32, samples: u32, ray: impl Fn(u32) -> Ray) -> Vec3 {
-        let tracer = Tracer { scene, bounces };
+        let tracer = Tracer::new(scene, bounces, Light::Paths);
         let mut scratch = Scratch::default();
         let light = |number: u32| {
             let mut sampler = Sampler::new(Seed(1), 5, number);
@@ -955,6 +993,51 @@ mod tests {
         assert!((got - expected).abs() < 0.03 * expected.max(0.3), "{got} {expected}");
     }
 
+    #[test]
+    fn direct_light_is_dimmed_by_each_leaf_on_its_way() {
+        // Ground under two sheets that transmit 0.4: the sun's irradiance times 0.16.
+        let sheet = |z: f32, material: u16| {
+            plane().into_iter().map(move |t| {
+                let corners = t.corners.map(|corner| corner + z * Vec3::Z);
+                Triangle::new(corners, Face::new([Vec3::Z; 3], material))
+            })
+        };
+        let leaves = [material(0.5, 0.0), material(0.3, 0.4)];
+        let light = |sheets: u16| {
+            let mut list = plane();
+            list.extend((0..sheets).flat_map(|number| sheet(2.0 + f32::from(number), 1)));
+            let dome = Dome::new(&crate::Sky::clear_day()).only_sun();
+            let scene = Scene::of_mesh(&list, leaves.to_vec(), dome);
+            let tracer = Tracer::new(&scene, 6, Light::Direct);
+            let down = Ray { origin: Vec3::new(0.1, 0.2, 1.0), direction: -Vec3::Z };
+            let mut sampler = Sampler::new(Seed(1), 5, 0);
+            tracer.trace(down, [0.0; 2], &mut sampler, &mut Scratch::default()).light
+        };
+        let open = light(0);
+        for (sheets, expected) in [(1, 0.4), (2, 0.16)] {
+            let part = light(sheets) / open;
+            assert!((part - expected).abs().max_element() < 1e-3, "{part} through {sheets}");
+        }
+    }
+
+    #[test]
+    fn direct_light_of_an_open_place_is_that_of_paths() {
+        let dome = Dome::new(&crate::Sky::clear_day());
+        let scene = Scene::of_mesh(&plane(), vec![material(0.5, 0.0)], dome);
+        let down = Ray { origin: Vec3::new(0.1, 0.2, 2.0), direction: -Vec3::Z };
+        let mean = |light: Light| {
+            let tracer = Tracer::new(&scene, 6, light);
+            let mut scratch = Scratch::default();
+            let mut one = |number: u32| {
+                let mut sampler = Sampler::new(Seed(1), 5, number);
+                tracer.trace(down, [0.0; 2], &mut sampler, &mut scratch).light.as_dvec3()
+            };
+            (0..20_000).map(&mut one).sum::<glam::DVec3>() / 20_000.0
+        };
+        let part = mean(Light::Direct) / mean(Light::Paths);
+        assert!((part - 1.0).abs().max_element() < 3e-3, "{part}");
+    }
+
     fn config() -> Config {
         Config {
             view: Written::default(),
@@ -962,6 +1045,8 @@ mod tests {
             samples: 3,
             noise: 0.0,
             bounces: 5,
+            light: Light::Paths,
+            denoise: false,
             exposure: 0.0,
             aperture_mm: 20.0,
         }
@@ -1107,10 +1192,11 @@ mod tests {
         // In a room of albedo 0.6 that emits 0.4, the first two terms of 0.4 Σ 0.6^k are direct.
         let walls = Material { emission: Vec3::splat(0.4), ..material(0.6, 0.0) };
         let scene = Scene::of_mesh(&room(), vec![walls], Dome::constant(0.0));
-        let tracer = Tracer { scene: &scene, bounces: 64 };
+        let tracer = Tracer::new(&scene, 64, Light::Paths);
         for number in 0..200 {
             let mut sampler = Sampler::new(Seed(1), 5, number);
-            let got = tracer.trace(outwards(number), [0.0; 2], &mut sampler, &mut Scratch::default());
+            let got =
+                tracer.trace(outwards(number), [0.0; 2], &mut sampler, &mut Scratch::default());
             assert!((got.direct.x - 0.4 * 1.6).abs() < 1e-5, "{}", got.direct);
         }
         // With one scattering there is no other light.

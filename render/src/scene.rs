@@ -14,9 +14,7 @@ use glam::{Quat, Vec3};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, PoisonError};
-use weald_contract::{
-    Instances, Layers, Palette, PlantModel, Problem, Progress, Representative,
-};
+use weald_contract::{Instances, Layers, Palette, PlantModel, Problem, Progress, Representative};
 
 /// Serves plant models; the caller grows them, or reads them from its cache.
 pub trait PrototypeSource: Sync {
@@ -103,7 +101,7 @@ pub struct Scene {
 /// everything else.
 ///
 /// Groups that will be stored as one mesh count as such. A triangle takes 70 B in a block that is
-/// half full and cut here and there, 16 B of normals and material, and 14 B of tree; leaves that are
+/// half full and cut here and there, 20 B of normals and material, and 14 B of tree; leaves that are
 /// parallelograms take half of it. A placement takes 72 B.
 pub fn estimate_bytes(
     triangles: &BTreeMap<u32, u64>,
@@ -118,7 +116,7 @@ pub fn estimate_bytes(
     }
     let baked: u64 = groups.values().filter(|&&sum| u128::from(sum) <= BAKED).sum();
     let stored = triangles.values().sum::<u64>() + baked + other_triangles;
-    100 * stored + 72 * instances.len() as u64
+    104 * stored + 72 * instances.len() as u64
 }
 
 /// Groups of at most this many triangles are copied into one mesh of their own: a few megabytes

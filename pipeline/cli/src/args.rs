@@ -375,6 +375,12 @@ pub struct Render {
     /// Stop where the noise is this low: 0.02 is clean, 0.1 a good draft; `--samples` is then the most.
     #[arg(long, value_name = "PART")]
     pub noise: Option<f32>,
+    /// Light from sun and sky only, dimmed by the leaves on its way: fast, a little too dark in shade.
+    #[arg(long)]
+    pub fast: bool,
+    /// Take the noise out by Open Image Denoise, where it is installed or `WEALD_OIDN` names it.
+    #[arg(long)]
+    pub denoise: bool,
     /// The view to render, instead of the scene's.
     #[arg(long, value_name = "NAME")]
     pub view: Option<String>,

@@ -369,6 +369,8 @@ fn render_alone(arguments: &args::Render, global: &Global, shown: &Shown) -> Res
     let shortcuts = [
         set("samples", arguments.samples.map(|samples| samples.to_string())),
         set("noise", arguments.noise.map(|noise| noise.to_string())),
+        set("light", arguments.fast.then(|| "\"direct\"".to_string())),
+        set("denoise", arguments.denoise.then(|| "true".to_string())),
         set("view", arguments.view.as_ref().map(|view| format!("{view:?}"))),
     ];
     let mut wanted = arguments.scene.clone();

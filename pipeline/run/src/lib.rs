@@ -13,6 +13,7 @@ pub mod bench;
 pub mod canvas;
 pub mod check;
 pub mod compare;
+mod denoise;
 pub mod edit;
 pub mod error;
 pub mod execute;

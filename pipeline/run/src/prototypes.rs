@@ -55,7 +55,14 @@ impl HeldPrototypes {
         let models = self.models.iter();
         let triangles = models.map(|(&id, model)| (id, model.instanced_triangles())).collect();
         let objects: u64 = objects.iter().map(|object| object.model.instanced_triangles()).sum();
-        weald_render::estimate_bytes(&triangles, instances, objects + 2 * cells)
+        // Models of a species hold the same textures, which the scene keeps once.
+        let textures = self.models.values().flat_map(|model| &model.textures);
+        let different: BTreeSet<(&str, usize)> =
+            textures.map(|texture| (texture.name.as_str(), texture.texels.len())).collect();
+        let texels: usize = different.into_iter().map(|(_, texels)| texels).sum();
+        // With their smaller copies a third more.
+        let textures = 6 * texels as u64;
+        weald_render::estimate_bytes(&triangles, instances, objects + 2 * cells) + textures
     }
 }
 

@@ -482,12 +482,7 @@ fn touch<T>(list: &[T], index: usize) {
 
 /// Forgets what was met where it is cut out.
 #[inline(always)]
-fn cut_out(
-    paints: &Paints,
-    found: &mut super::lanes::TriangleHits,
-    block: &Block,
-    faces: &[Face],
-) {
+fn cut_out(paints: &Paints, found: &mut super::lanes::TriangleHits, block: &Block, faces: &[Face]) {
     let mut mask = found.mask;
     while mask != 0 {
         let lane = mask.trailing_zeros() as usize & 7;
@@ -531,8 +526,8 @@ fn record(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Triangle, join_pairs};
     use super::super::level::HALF;
+    use super::super::{Triangle, join_pairs};
     use super::*;
     use crate::paint::Charts;
     use glam::Quat;
@@ -697,7 +692,10 @@ mod tests {
         };
         let whole = Vec3::new(1.0, 1.0, 0.0);
         assert!(first.joined(&other(whole, 1), &mut Charts::default()).is_some());
-        assert!(first.joined(&other(whole, 2), &mut Charts::default()).is_none(), "another material");
+        assert!(
+            first.joined(&other(whole, 2), &mut Charts::default()).is_none(),
+            "another material"
+        );
         assert!(first.joined(&other(whole + 0.01, 1), &mut Charts::default()).is_none(), "a kite");
         let turned = Triangle::new([whole, Vec3::X, Vec3::Y], Face::new([Vec3::Z; 3], 1));
         assert!(first.joined(&turned, &mut Charts::default()).is_none(), "it faces the other way");

@@ -4,6 +4,7 @@ use super::{
     Made, at_field, file_name, make_folder_of, parent, plant_file, stage_error, stage_seed,
 };
 use crate::check::bytes_in_words;
+use crate::denoise::Denoiser;
 use crate::error::{Error, Result};
 use crate::parameters::render_config;
 use crate::preview::Sketch;
@@ -58,6 +59,8 @@ pub fn render(
 
     let view = scene.wanted_view()?;
     let config = render_config(scene, is_draft);
+    // Before the work, so that none is lost when it is not there.
+    let denoiser = config.denoise.then(Denoiser::load).transpose()?;
     let prototypes = HeldPrototypes::read(&paths.plants, &palette, &instances)?;
     let objects = objects(scene, &terrain)?;
     let (sky_image, clouds) = sky_pictures(scene)?;
@@ -89,7 +92,10 @@ pub fn render(
 
     let mut made = Made::default();
     make_folder_of(&paths.image)?;
-    let picture = film.picture();
+    let mut picture = film.picture();
+    if let Some(denoiser) = denoiser {
+        denoiser.denoise(&mut picture)?;
+    }
     weald_formats::write_picture(&paths.image, &picture, &provenance)?;
     made.wrote(&paths.image)?;
     let rgb = weald_render::tone_map(&picture, config.exposure);

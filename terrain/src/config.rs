@@ -121,10 +121,14 @@ impl Config {
                 Operator::Layer(edit) => edit.image.clone().map(|path| ("image", path)),
                 _ => None,
             };
-            inputs.extend(images.chain(painted).map(|(field, path)| Input {
+            let images = images.chain(painted).map(|(field, path)| (field, path, InputKind::Image));
+            let models = op.common.mask.0.iter().filter_map(|mask| mask.footprint.as_ref());
+            let models =
+                models.map(|print| ("mask.footprint.model", print.model.clone(), InputKind::Model));
+            inputs.extend(images.chain(models).map(|(field, path, kind)| Input {
                 field: format!("terrain.op[{index}].{field}"),
                 path,
-                kind: InputKind::Image,
+                kind,
             }));
         }
         inputs

@@ -8,8 +8,9 @@ use crate::config::Config;
 use crate::import::{self, Ground};
 use crate::lattice::Lattice;
 use crate::mask::Map;
-use crate::stack::{self, Cache};
-use crate::{Error, Parts};
+use crate::resample::by_row;
+use crate::stack::{self, Cache, Shaped};
+use crate::{Error, Parts, check_cancelled};
 use std::collections::BTreeMap;
 use weald_contract::{Frame, Grid, Image, Layers, Problem, Progress, Raster, Seed, View};
 
@@ -131,15 +132,78 @@ impl Editor {
         let config = &self.history[self.current];
         let ground =
             prepared(&mut self.ground, &mut self.cache, config, &self.elevation, progress)?;
-        let parts = Parts {
-            ground,
-            crs: &self.elevation.crs,
-            images: &self.images,
-            views: &self.views,
-            seed: self.seed,
-        };
+        let (crs, images, views) = (&self.elevation.crs, &self.images, &self.views);
+        let parts = Parts { ground, crs, images, views, seed: self.seed };
         parts.layers(config, &mut self.cache, progress)
     }
+
+    /// All layers for a view that waits: `show` gets them on cells [`COARSE`] times as wide first,
+    /// without patches, and then as [`Self::layers`] gives them.
+    ///
+    /// The ground is shaped once, on its own cells; water and light, which cost most, run on its
+    /// means first. A terrain that has too few cells for that is shown once, and so is one with a
+    /// lake whose hollow the coarse ground lost.
+    ///
+    /// # Errors
+    /// As [`crate::build`]; [`Error::Cancelled`] as soon as `progress` says so, between the two as
+    /// well as within them.
+    pub fn layers_in_steps(
+        &mut self,
+        show: &mut dyn FnMut(Layers),
+        progress: &dyn Progress,
+    ) -> Result<(), Error> {
+        let config = &self.history[self.current];
+        let ground =
+            prepared(&mut self.ground, &mut self.cache, config, &self.elevation, progress)?;
+        let (crs, images, views) = (&self.elevation.crs, &self.images, &self.views);
+        let parts = Parts { ground, crs, images, views, seed: self.seed };
+        let shaped = parts.shape(config, &mut self.cache, progress)?;
+        if let Some((ground, shaped)) = coarse(ground, &shaped) {
+            let plain = Config { detail: Vec::new(), ..config.clone() };
+            match parts.settle(&plain, &ground, &shaped, progress) {
+                Ok(layers) => show(layers),
+                Err(Error::Cancelled) => return Err(Error::Cancelled),
+                // The fine ground has the last word.
+                Err(Error::Problem(_)) => {}
+            }
+        }
+        check_cancelled(progress)?;
+        show(parts.settle(config, ground, &shaped, progress)?);
+        Ok(())
+    }
+}
+
+/// Width of a cell of the first, coarse look at water, in cells of the terrain.
+pub const COARSE: usize = 4;
+
+/// Fewest coarse cells along a side that show anything.
+const FEWEST: usize = 8;
+
+/// The shaped ground in means over squares of [`COARSE`] cells; cells left over in the north and
+/// east fall away.
+fn coarse<'a>(ground: &Ground, shaped: &Shaped<'a>) -> Option<(Ground, Shaped<'a>)> {
+    let whole = &shaped.lattice;
+    let (width, height) = (whole.width / COARSE, whole.height / COARSE);
+    if width < FEWEST || height < FEWEST {
+        return None;
+    }
+    let lattice =
+        Lattice { west: 0, south: 0, width, height, cell: whole.cell * COARSE as f64, ..*whole };
+    // Rows run from the north, where the rest falls away.
+    let first = whole.height - height * COARSE;
+    let altitude = by_row(width, height, |row, out| {
+        for (column, mean) in out.iter_mut().enumerate() {
+            let rows = (0..COARSE).map(|k| (first + row * COARSE + k) * whole.width);
+            let sum = |row: usize| -> f32 {
+                shaped.altitude[row + column * COARSE..][..COARSE].iter().sum()
+            };
+            *mean = rows.map(sum).sum::<f32>() / (COARSE * COARSE) as f32;
+        }
+    });
+    let frame = lattice.frame((ground.frame.west, ground.frame.south));
+    let ground = Ground { frame, altitude: Vec::new(), source: None, mended: ground.mended };
+    let (lakes, layers) = (shaped.lakes.clone(), shaped.layers.clone());
+    Some((ground, Shaped { lattice, altitude, lakes, layers }))
 }
 
 /// The ground before the first operator: the one at hand if it lies on the state's cells, else a
@@ -188,7 +252,7 @@ mod tests {
     const FRAME: Frame = Frame { width: 48, height: 40, cell: 1.0, west: 500.0, south: 70.0 };
 
     /// Operators of every kind, to be put together at random.
-    const OPERATORS: [&str; 9] = [
+    const OPERATORS: [&str; 11] = [
         "op = \"noise\"\nname = \"hills\"\namplitude = 2\nwavelength = 15",
         "op = \"smooth\"\nradius = 1.2\nmask = { slope_deg = [2, 90], falloff = 3 }",
         "op = \"stream\"\npoints = [[5, 30], [20, 18], [40, 10]]\nwidth = 2\ndepth = 1",
@@ -198,6 +262,8 @@ mod tests {
         "op = \"flatten\"\naltitude = 101\nmask = { upslope_area = [9, 1e6] }",
         "op = \"translate\"\nby = [2.5, -1]",
         "op = \"noise\"\namplitude = 1\nwavelength = 9",
+        "op = \"breach\"",
+        "op = \"road\"\npoints = [[4, 4], [30, 20]]\nwidth = 2\nfalloff = 2",
     ];
 
     fn raster() -> Raster {
@@ -282,6 +348,43 @@ mod tests {
     }
 
     #[test]
+    fn layers_are_shown_coarse_first_and_then_as_they_are() {
+        let mut editor = editor(&[0, 5]);
+        let mut shown = Vec::new();
+        editor.layers_in_steps(&mut |layers| shown.push(layers), &Silent).unwrap();
+        let [first, last] = shown.as_slice() else { panic!("{} looks", shown.len()) };
+        assert_eq!(*last, cold(editor.config()));
+        let Frame { width, height, cell, west, south } = first.frame;
+        assert_eq!((width, height, cell, west, south), (12, 10, 4.0, FRAME.west, FRAME.south));
+        // A mean of 4 x 4 cells about each coarse one.
+        let (coarse, fine) = (first.values("altitude").unwrap(), last.values("altitude").unwrap());
+        let mean: f32 = (0..4).flat_map(|row| &fine[row * 48 + 44..][..4]).sum::<f32>() / 16.0;
+        assert!((coarse[11] - mean).abs() < 1e-4);
+        assert_eq!(first.layers.keys().collect::<Vec<_>>(), last.layers.keys().collect::<Vec<_>>());
+    }
+
+    #[test]
+    fn what_is_no_longer_wanted_stops_after_the_first_look() {
+        struct Once(std::sync::atomic::AtomicBool);
+        impl Progress for Once {
+            fn begin(&self, _: &str, _: u64, _: &str) {}
+            fn advance(&self, _: u64) {}
+            fn is_cancelled(&self) -> bool {
+                self.0.load(std::sync::atomic::Ordering::Relaxed)
+            }
+        }
+        let (mut editor, stop) = (editor(&[0]), Once(false.into()));
+        let mut looks = 0;
+        let mut show = |_| {
+            looks += 1;
+            stop.0.store(true, std::sync::atomic::Ordering::Relaxed);
+        };
+        let stopped = editor.layers_in_steps(&mut show, &stop);
+        assert!(matches!(stopped, Err(Error::Cancelled)));
+        assert_eq!(looks, 1);
+    }
+
+    #[test]
     fn a_state_that_cannot_be_is_refused_and_nothing_changes() {
         let mut editor = editor(&[0]);
         let mut wrong = config(&[0]);
@@ -318,7 +421,14 @@ mod tests {
             editor.region([100.0, 100.0, 356.0, 356.0], &Silent).unwrap();
             let part = start.elapsed().as_secs_f64();
             editor.altitude(&Silent).unwrap();
-            println!("{side}²: part {part:.3} s, whole {:.3} s", start.elapsed().as_secs_f64());
+            let whole = start.elapsed().as_secs_f64();
+            let mut looks = Vec::new();
+            let mut show = |_| looks.push(start.elapsed().as_secs_f64() - whole);
+            editor.layers_in_steps(&mut show, &Silent).unwrap();
+            println!(
+                "{side}²: part {part:.3} s, whole {whole:.3} s; water coarse {:.3} s, fine {:.3} s",
+                looks[0], looks[1]
+            );
         }
     }
 }

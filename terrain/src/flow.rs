@@ -425,6 +425,7 @@ pub(crate) fn rough_hills(side: usize) -> Vec<f32> {
         roughness: 0.5,
         roughness_change: 0.0,
         lacunarity: 2.0,
+        warp: 0.0,
     };
     let noise = crate::noise::Fractal::new(shape, 7, 0.0);
     let z = |i: usize| 750.0 * noise.at((i % side) as f64, (i / side) as f64);

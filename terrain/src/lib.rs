@@ -18,6 +18,7 @@ mod environment;
 mod erosion;
 pub mod fill;
 pub mod flow;
+mod footprint;
 pub mod hollow;
 mod import;
 mod lattice;
@@ -38,9 +39,10 @@ mod water;
 
 pub use breach::Breach;
 pub use config::{Config, Detail, LayerCommon, Water};
-pub use editor::Editor;
+pub use editor::{COARSE, Editor};
 pub use environment::{CATALOGUE, Environment, LayerKind, Routing, kind};
 pub use erosion::{Erode, Thermal};
+pub use footprint::Footprint;
 pub use mask::{Combine, Disc, Line, Mask, Masks, NoiseMask};
 pub use noise::{Fractal, NoiseKind, NoiseShape};
 pub use operator::{Blend, Clamp, Flatten, Lake, Noise, Offset, Operator, Scale, Smooth, Terrace};
@@ -69,7 +71,8 @@ pub enum Error {
 /// Builds a terrain: the layers of the whole ground, and finer patches where `config` asks.
 ///
 /// `elevation` is the opened `config.source`; `images` holds the opened mask images by their path
-/// as written. Layers: those that [`Config::layer_names`] lists, each with unit and definition.
+/// as written, and for the model of a footprint an image that is 1 where its mesh covers the ground,
+/// with its frame in the mesh's own metres. Layers: those that [`Config::layer_names`] lists, each with unit and definition.
 ///
 /// # Errors
 /// The first [`Problem`] of [`Config::check`], or what only the data can show: an elevation model
@@ -110,18 +113,42 @@ impl Parts<'_> {
         cache: &mut stack::Cache,
         progress: &dyn Progress,
     ) -> Result<Layers, Error> {
-        let Self { ground, crs, images, views, seed } = *self;
-        let map = mask::Map { frame: ground.frame, images };
-        let shaped = stack::shape(config, ground, &map, seed, cache, progress)?;
-        let hydrology = water::settle(config, &shaped, &map, progress)?;
-        let mut layers = water::layers(ground, &shaped, &hydrology, crs);
-        let environment = environment::Source { config, shaped: &shaped, water: &hydrology };
+        let shaped = self.shape(config, cache, progress)?;
+        self.settle(config, self.ground, &shaped, progress)
+    }
+
+    /// The ground after the last operator.
+    fn shape<'a>(
+        &self,
+        config: &'a Config,
+        cache: &mut stack::Cache,
+        progress: &dyn Progress,
+    ) -> Result<stack::Shaped<'a>, Error> {
+        stack::shape(config, self.ground, &self.map(), self.seed, cache, progress)
+    }
+
+    /// Water and all layers of shaped ground that lies on the cells of `ground`.
+    fn settle(
+        &self,
+        config: &Config,
+        ground: &import::Ground,
+        shaped: &stack::Shaped<'_>,
+        progress: &dyn Progress,
+    ) -> Result<Layers, Error> {
+        let (map, views) = (self.map(), self.views);
+        let hydrology = water::settle(config, shaped, &map, progress)?;
+        let mut layers = water::layers(ground, shaped, &hydrology, self.crs);
+        let environment = environment::Source { config, shaped, water: &hydrology };
         environment.extend(&mut layers, progress)?;
-        let patches = detail::Patches { ground, shaped: &shaped, map: &map, views, environment };
+        let patches = detail::Patches { ground, shaped, map: &map, views, environment };
         // Patches take the layers as they were made, and are edited on their own cells.
         layers.detail = patches.build(config, &hydrology, &layers, progress)?;
         overlay::run(config, &shaped.lattice, &map, &mut layers)?;
         Ok(layers)
+    }
+
+    fn map(&self) -> mask::Map<'_> {
+        mask::Map { frame: self.ground.frame, images: self.images }
     }
 }
 

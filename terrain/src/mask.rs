@@ -6,6 +6,7 @@
 
 use crate::derive;
 use crate::flow;
+use crate::footprint::{Footprint, Outline};
 use crate::lattice::Lattice;
 use crate::noise::{Fractal, NoiseKind, NoiseShape};
 use crate::spline::{Polyline, influence, smoothstep};
@@ -43,6 +44,8 @@ table! {
         polygon: Option<Written<Vec<[f64; 2]>>> = None, in -1000000.0..=1000000.0;
         /// The neighbourhood of a line.
         line: Option<Line> = None;
+        /// The ground under a thing.
+        footprint: Option<Footprint> = None;
         /// Patches of noise.
         noise: Option<NoiseMask> = None;
         /// An image over the whole terrain; white is 1.
@@ -190,8 +193,8 @@ impl Mask {
                 problems.push(problem.hint("write [west, south, east, north]"));
             }
         }
-        if let Some(polygon) = self.polygon.as_ref().filter(|polygon| polygon.value.len() < 3) {
-            problems.push(Problem::at(polygon.span, "a polygon needs at least 3 corners"));
+        if let Some(polygon) = &self.polygon {
+            check_polygon(polygon, problems);
         }
         if let Some(line) = &self.line {
             check_line(&line.points, problems);
@@ -275,6 +278,10 @@ impl Mask {
             half_width: 0.5 * line.width,
             feather,
         }));
+        if let Some(footprint) = &self.footprint {
+            let outline = footprint.outline(map.opened(&footprint.model)?, feather)?;
+            conditions.push(Condition::Footprint { outline, feather });
+        }
         conditions.extend(
             self.noise.as_ref().map(|mask| Condition::Noise {
                 noise: mask.fractal(cell),
@@ -302,6 +309,7 @@ impl NoiseMask {
             roughness: 0.5,
             roughness_change: 0.0,
             lacunarity: 2.0,
+            warp: 0.0,
         };
         // A mask's noise is named by its own `seed`, so that two operators can share a mask.
         let seed = Seed(0).stream("noise mask", u64::from(self.seed)).next_u64() as u32;
@@ -313,6 +321,18 @@ impl NoiseMask {
 pub(crate) fn check_line(points: &Written<Vec<[f64; 2]>>, problems: &mut Problems) {
     if points.value.iter().all(|point| Some(point) == points.value.first()) {
         problems.push(Problem::at(points.span, "a line needs at least 2 different points"));
+    }
+}
+
+/// Notes a polygon without an inside, or one that crosses itself.
+fn check_polygon(polygon: &Written<Vec<[f64; 2]>>, problems: &mut Problems) {
+    if polygon.value.len() < 3 {
+        problems.push(Problem::at(polygon.span, "a polygon needs at least 3 corners"));
+    } else if let Some(crossing) = Polyline::closed(&polygon.value).crossing() {
+        let [x, y] = crossing;
+        let problem =
+            Problem::at(polygon.span, format!("this polygon crosses itself at ({x:.2}, {y:.2})"));
+        problems.push(problem.hint("list its corners in order along its outline"));
     }
 }
 
@@ -329,11 +349,8 @@ pub(crate) struct Map<'a> {
 const ASPECT_TOLERANCE: f64 = 0.02;
 
 impl<'a> Map<'a> {
-    /// An image and where its pixels lie in scene coordinates.
-    ///
-    /// One that the map knows keeps its place; another covers the terrain. Then pixels need not be
-    /// quite square, which the frame cannot say: heights are stretched to fit.
-    pub(crate) fn image(&self, path: &Written<String>) -> Result<(&'a Image, ImageFrame), Problem> {
+    /// An image that is not empty.
+    fn opened(&self, path: &Written<String>) -> Result<&'a Image, Problem> {
         let missing =
             || Problem::at(path.span, format!("the image `{}` was not opened", path.value));
         let image = self.images.get(&path.value).ok_or_else(missing)?;
@@ -341,6 +358,15 @@ impl<'a> Map<'a> {
         {
             return Err(Problem::at(path.span, format!("the image `{}` is empty", path.value)));
         }
+        Ok(image)
+    }
+
+    /// An image and where its pixels lie in scene coordinates.
+    ///
+    /// One that the map knows keeps its place; another covers the terrain. Then pixels need not be
+    /// quite square, which the frame cannot say: heights are stretched to fit.
+    pub(crate) fn image(&self, path: &Written<String>) -> Result<(&'a Image, ImageFrame), Problem> {
+        let image = self.opened(path)?;
         let pixels =
             Frame { width: image.width, height: image.height, cell: 1.0, west: 0.0, south: 0.0 };
         if let Some(frame) = &image.frame {
@@ -402,6 +428,7 @@ enum Condition<'a> {
     Rectangle { sides: [f64; 4], feather: f64 },
     Polygon { ring: Polyline, feather: f64 },
     Line { line: Polyline, half_width: f64, feather: f64 },
+    Footprint { outline: Outline, feather: f64 },
     Noise { noise: Fractal, range: [f64; 2] },
     Image { values: &'a [f32], frame: ImageFrame },
     Formula { formula: Formula, inputs: Vec<FormulaInput> },
@@ -615,6 +642,9 @@ impl Condition<'_> {
                     near.map_or(0.0, |near| influence(near.distance, *half_width, *feather))
                 });
             }
+            Self::Footprint { outline, feather } => weigh(values, |column| {
+                influence(outline.distance([row.lattice.x(column), y]), 0.0, *feather)
+            }),
             Self::Noise { noise, range } => weigh(values, |column| {
                 smoothstep(range[0], range[1], noise.at(row.lattice.x(column), y))
             }),

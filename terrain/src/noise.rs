@@ -38,6 +38,8 @@ pub struct NoiseShape {
     pub roughness_change: f64,
     /// Wavelength of an octave relative to the next.
     pub lacunarity: f64,
+    /// How far the noise is dragged out of place, m: bound of each coordinate's shift.
+    pub warp: f64,
 }
 
 /// Mean of |Perlin noise| on the slices used here, over 10⁷ points and twelve permutation tables
@@ -95,6 +97,7 @@ impl Fractal {
 
     /// The value at a point, `x` and `y` in metres.
     pub fn at(&self, x: f64, y: f64) -> f64 {
+        let (x, y) = self.warped(x, y);
         let gain = self.roughness_at(x, y);
         let (mut sum, mut amplitude) = (0.0, 1.0);
         for octave in &self.octaves {
@@ -105,6 +108,17 @@ impl Fractal {
             amplitude *= gain;
         }
         sum * self.scale
+    }
+
+    /// Where the value of a point is taken: another noise of the largest octave's wavelength drags
+    /// it, so that ridges bend and crowd.
+    fn warped(&self, x: f64, y: f64) -> (f64, f64) {
+        let NoiseShape { warp, wavelength, .. } = self.shape;
+        if warp == 0.0 {
+            return (x, y);
+        }
+        let shift = |plane: f64| warp * self.perlin.get([x / wavelength, y / wavelength, plane]);
+        (x + shift(-17.5), y + shift(-27.5))
     }
 
     fn character(&self, wave: f64) -> f64 {
@@ -138,6 +152,7 @@ mod tests {
         roughness: 0.5,
         roughness_change: 0.0,
         lacunarity: 2.0,
+        warp: 0.0,
     };
 
     /// Values on a sloping walk that meets no lattice twice.
@@ -185,6 +200,20 @@ mod tests {
             roughs.iter().copied().fold(0.0, f64::max) / low
         };
         assert!(spread(3.0) > 1.5 * spread(0.0));
+    }
+
+    #[test]
+    fn warped_noise_is_the_plain_one_moved_by_no_more_than_its_bound() {
+        let plain = Fractal::new(NoiseShape { octaves: 1, ..SHAPE }, 7, 0.0);
+        let warped = Fractal::new(NoiseShape { octaves: 1, warp: 12.0, ..SHAPE }, 7, 0.0);
+        let mut furthest = 0.0f64;
+        for i in 0..2000 {
+            let (x, y) = (f64::from(i) * 1.713, f64::from(i) * 2.347);
+            let (u, v) = warped.warped(x, y);
+            assert_eq!(warped.at(x, y), plain.at(u, v));
+            furthest = furthest.max((u - x).abs()).max((v - y).abs());
+        }
+        assert!(furthest > 4.0 && furthest <= 12.0, "{furthest}");
     }
 
     #[test]

@@ -91,6 +91,8 @@ table! {
         roughness_change: f64 = 0.0, in 0.0..=4.0;
         /// Wavelength of an octave relative to the next finer one.
         lacunarity: f64 = 2.0, in 1.1..=8.0;
+        /// How far the noise is dragged out of place, m: ridges bend and crowd.
+        warp: f64 = 0.0, in 0.0..=1000000.0;
     }
 }
 
@@ -188,6 +190,7 @@ impl Noise {
             roughness: self.roughness,
             roughness_change: self.roughness_change,
             lacunarity: self.lacunarity,
+            warp: self.warp,
         }
     }
 }

@@ -30,6 +30,18 @@ pub struct Polyline {
     stations: Vec<f64>,
 }
 
+/// The point in which two legs cross, each from one side of the other to its other side.
+fn crossing(a: &[[f64; 2]], b: &[[f64; 2]]) -> Option<[f64; 2]> {
+    let side = |leg: &[[f64; 2]], p: [f64; 2]| {
+        let ([x0, y0], [x1, y1]) = (leg[0], leg[1]);
+        (x1 - x0) * (p[1] - y0) - (y1 - y0) * (p[0] - x0)
+    };
+    let (from, to) = (side(a, b[0]), side(a, b[1]));
+    let is_across = from * to < 0.0 && side(b, a[0]) * side(b, a[1]) < 0.0;
+    let t = from / (from - to);
+    is_across.then(|| [0, 1].map(|axis| b[0][axis] + t * (b[1][axis] - b[0][axis])))
+}
+
 /// The point of a line that is nearest to another.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Nearest {
@@ -133,6 +145,22 @@ impl Polyline {
         best.map(|(squared, station)| Nearest { distance: squared.sqrt(), station })
     }
 
+    /// A point where the line crosses itself, if it does: legs that touch at their ends or lie
+    /// along each other do not cross.
+    pub fn crossing(&self) -> Option<[f64; 2]> {
+        let legs: Vec<&[[f64; 2]]> = self.points.windows(2).collect();
+        // From west to east, so that each leg meets only those that begin before it ends.
+        let west = |leg: &[[f64; 2]]| leg[0][0].min(leg[1][0]);
+        let east = |leg: &[[f64; 2]]| leg[0][0].max(leg[1][0]);
+        let mut order: Vec<usize> = (0..legs.len()).collect();
+        order.sort_by(|&a, &b| west(legs[a]).total_cmp(&west(legs[b])));
+        order.iter().enumerate().find_map(|(place, &a)| {
+            let beside = order[place + 1..].iter();
+            let beside = beside.take_while(|&&b| west(legs[b]) <= east(legs[a]));
+            beside.into_iter().find_map(|&b| crossing(legs[a], legs[b]))
+        })
+    }
+
     /// Whether a closed line winds around a point (even-odd rule).
     pub fn encloses(&self, [x, y]: [f64; 2]) -> bool {
         let crossings = self.points.windows(2).filter(|pair| {
@@ -202,6 +230,24 @@ mod tests {
         assert!(turns.fold(0.0, f64::max) < 0.32, "no corner is left");
         let straight = Polyline::curved(&[[0.0, 0.0], [1.0, 0.0], [5.0, 0.0]]);
         assert!((straight.length() - 5.0).abs() < 1e-12);
+    }
+
+    #[test]
+    fn a_bow_tie_crosses_itself_where_its_diagonals_meet_and_a_star_shaped_ring_does_not() {
+        let bow = Polyline::closed(&[[0.0, 0.0], [4.0, 4.0], [4.0, 0.0], [0.0, 4.0]]);
+        assert_eq!(bow.crossing(), Some([2.0, 2.0]));
+        let ring: Vec<[f64; 2]> = (0..200)
+            .map(|k| {
+                let (sin, cos) = libm::sincos(f64::from(k) * std::f64::consts::TAU / 200.0);
+                let radius = if k % 2 == 0 { 5.0 } else { 9.0 };
+                [radius * cos, radius * sin]
+            })
+            .collect();
+        assert_eq!(Polyline::closed(&ring).crossing(), None);
+        // The same ring with two corners taken in the wrong order.
+        let mut wrong = ring;
+        wrong.swap(20, 22);
+        assert!(Polyline::closed(&wrong).crossing().is_some());
     }
 
     #[test]

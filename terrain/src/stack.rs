@@ -36,6 +36,7 @@ pub(crate) struct Shaped<'a> {
 }
 
 /// An operator with what was found out about it on the terrain's own grid.
+#[derive(Clone)]
 pub(crate) struct Layer<'a> {
     op: &'a Tagged<LayerCommon, Operator>,
     found: Arc<Found>,
@@ -140,8 +141,9 @@ pub(crate) fn shape_part(
 
 /// Whether an operator's effect at a place depends on ground however far away.
 fn needs_whole(op: &Tagged<LayerCommon, Operator>) -> bool {
-    use Operator::{Erode, Road, Stream, Thermal};
-    matches!(op.variant, Stream(_) | Road(_) | Erode(_) | Thermal(_)) || op.common.mask.reads_flow()
+    use Operator::{Breach, Erode, Road, Stream, Thermal};
+    let is_whole = matches!(op.variant, Stream(_) | Road(_) | Erode(_) | Thermal(_) | Breach(_));
+    is_whole || op.common.mask.reads_flow()
 }
 
 /// One operator and the ground it meets.

@@ -19,6 +19,7 @@ pub mod error;
 pub mod execute;
 pub mod export;
 pub mod files;
+mod footprint;
 pub mod info;
 pub mod library;
 pub mod make;

@@ -17,6 +17,7 @@ pub use render::{RenderPaths, render, species_names};
 pub use terrain::{named_layers, terrain};
 
 use crate::error::{Error, Result};
+use crate::footprint;
 use crate::parameters::parameters;
 use crate::preview::Sketch;
 use crate::recipe::{HashedInput, Stage};
@@ -115,12 +116,16 @@ pub(crate) fn make_folder_of(path: &Path) -> Result<()> {
     }
 }
 
-/// Opens the images among a stage's inputs, by path as written.
+/// Opens the images among a stage's inputs, by path as written, and takes the outlines of models.
 fn images(scene: &Scene, inputs: &[SceneInput]) -> Result<BTreeMap<String, Image>> {
     let mut images = BTreeMap::new();
-    for SceneInput { input, path } in inputs.iter().filter(|i| i.input.kind == InputKind::Image) {
-        let image = weald_formats::read_image(path).map_err(at_field(scene, input))?;
-        images.insert(input.path.value.clone(), image);
+    for SceneInput { input, path } in inputs {
+        let image = match input.kind {
+            InputKind::Image => weald_formats::read_image(path),
+            InputKind::Model => weald_formats::read_plant(path).map(|model| footprint::of(&model)),
+            _ => continue,
+        };
+        images.insert(input.path.value.clone(), image.map_err(at_field(scene, input))?);
     }
     Ok(images)
 }

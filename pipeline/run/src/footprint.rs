@@ -120,7 +120,8 @@ mod tests {
         };
         assert_eq!([at(9.0, 1.0), at(1.0, 5.0), at(5.0, 3.0)], [1.0, 1.0, 0.0]);
         let area = image.values.iter().sum::<f32>() as f64 * frame.cell_area();
-        assert!((area - 28.0).abs() < 0.1, "{area}");
+        // Pixels are 2 cm wide, and 32 m of rim are rounded to them.
+        assert!((area - 28.0).abs() < 0.32, "{area}");
     }
 
     #[test]

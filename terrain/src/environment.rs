@@ -8,8 +8,8 @@ use crate::derive;
 use crate::disperse::{self, Dispersion, MULTIPLE_EXPONENT};
 use crate::flow::{self, OUT};
 use crate::lattice::Lattice;
-use crate::resample::by_row;
 use crate::stack::{Shaped, sample};
+use crate::suction;
 use crate::sun::{self, Relief, Season};
 use crate::water::{BARE_SLOPE_DEG, Hydrology};
 use crate::{Error, check_cancelled};
@@ -327,25 +327,11 @@ impl Source<'_> {
         cells.into_iter().map(|cells| (cells * cell) as f32).collect()
     }
 
-    /// The wetness index over areas that gentle slopes have drawn up from wetter neighbours
-    /// [Boehner06].
     fn wetness_suction(&self) -> Vec<f32> {
         let Lattice { width, height, cell, .. } = self.shaped.lattice;
-        let altitude = &self.shaped.altitude;
-        let strength = self.config.environment.suction;
-        let tangents =
-            derive::from_gradient(width, height, cell, altitude, |_, g| g.tangent() as f32);
-        let passing = by_row(width, height, |row, out| {
-            let line = &tangents[row * width..][..width];
-            for (out, tangent) in out.iter_mut().zip(line) {
-                let slope = libm::atan(f64::from(*tangent));
-                *out = libm::pow(1.0 / strength, slope * libm::exp(strength * slope)) as f32;
-            }
-        });
-        let mut area = self.specific_area(Routing::Multiple);
-        draw_up(width, height, &passing, &mut area);
-        let cells = area.iter().zip(&tangents);
-        cells.map(|(a, t)| derive::wetness(f64::from(*a) * cell, cell, f64::from(*t))).collect()
+        let relief = Relief { width, height, cell, altitude: &self.shaped.altitude };
+        let area = self.specific_area(Routing::Multiple);
+        suction::wetness(&relief, area, self.config.environment.suction)
     }
 
     /// Height of the ground above that of the channel, water or edge it drains to [Renno08].
@@ -457,96 +443,14 @@ fn local(
     })
 }
 
-/// Raises every area to the greatest that reaches it from a neighbour, lessened by the share that
-/// its own slope lets pass, until nothing changes.
-///
-/// The greatest product over all paths is unique, so the order of the sweeps does not matter.
-fn draw_up(width: usize, height: usize, passing: &[f32], area: &mut [f32]) {
-    let raise = |area: &mut [f32], cell: usize, from: usize| {
-        let drawn = area[from] * passing[cell];
-        let is_more = drawn > area[cell];
-        if is_more {
-            area[cell] = drawn;
-        }
-        is_more
-    };
-    loop {
-        let mut changed = false;
-        for row in 0..height {
-            for column in 0..width {
-                let cell = row * width + column;
-                if row > 0 {
-                    for beside in column.saturating_sub(1)..(column + 2).min(width) {
-                        changed |= raise(area, cell, cell - width - column + beside);
-                    }
-                }
-                if column > 0 {
-                    changed |= raise(area, cell, cell - 1);
-                }
-            }
-            for column in (0..width.saturating_sub(1)).rev() {
-                let cell = row * width + column;
-                changed |= raise(area, cell, cell + 1);
-            }
-        }
-        for row in (0..height).rev() {
-            for column in (0..width).rev() {
-                let cell = row * width + column;
-                if row + 1 < height {
-                    for beside in column.saturating_sub(1)..(column + 2).min(width) {
-                        changed |= raise(area, cell, cell + width - column + beside);
-                    }
-                }
-                if column + 1 < width {
-                    changed |= raise(area, cell, cell + 1);
-                }
-            }
-            for column in 1..width {
-                let cell = row * width + column;
-                changed |= raise(area, cell, cell - 1);
-            }
-        }
-        if !changed {
-            return;
-        }
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use weald_contract::Seed;
 
     #[test]
     fn the_catalogue_is_sorted_and_names_units() {
         assert!(CATALOGUE.windows(2).all(|pair| pair[0].name < pair[1].name));
         assert!(CATALOGUE.iter().all(|kind| !kind.unit.is_empty() && kind.definition.len() > 20));
         assert_eq!(CATALOGUE.iter().filter(|kind| kind.is_usual).count(), 8);
-    }
-
-    #[test]
-    fn drawn_up_areas_are_those_of_relaxing_every_cell_until_nothing_changes() {
-        let (width, height) = (23, 17);
-        let mut stream = Seed(4).stream("areas", 0);
-        let passing: Vec<f32> = (0..width * height).map(|_| stream.unit() as f32).collect();
-        let mut area: Vec<f32> =
-            (0..width * height).map(|_| (stream.unit() as f32).powi(8) * 1e4).collect();
-        let mut expected = area.clone();
-        loop {
-            let before = expected.clone();
-            for cell in 0..expected.len() {
-                let (x, y) = (cell % width, cell / width);
-                for (i, from) in before.iter().enumerate() {
-                    if (i % width).abs_diff(x) <= 1 && (i / width).abs_diff(y) <= 1 && i != cell {
-                        expected[cell] = expected[cell].max(from * passing[cell]);
-                    }
-                }
-            }
-            if expected == before {
-                break;
-            }
-        }
-        draw_up(width, height, &passing, &mut area);
-        assert_eq!(area, expected);
     }
 }

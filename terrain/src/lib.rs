@@ -34,6 +34,7 @@ mod spline;
 mod stack;
 mod stamp;
 mod stream;
+pub mod suction;
 pub mod sun;
 mod water;
 

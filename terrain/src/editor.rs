@@ -187,8 +187,7 @@ fn coarse<'a>(ground: &Ground, shaped: &Shaped<'a>) -> Option<(Ground, Shaped<'a
     if width < FEWEST || height < FEWEST {
         return None;
     }
-    let lattice =
-        Lattice { west: 0, south: 0, width, height, cell: whole.cell * COARSE as f64, ..*whole };
+    let lattice = Lattice { west: 0, south: 0, width, height, cell: whole.cell * COARSE as f64 };
     // Rows run from the north, where the rest falls away.
     let first = whole.height - height * COARSE;
     let altitude = by_row(width, height, |row, out| {

@@ -216,10 +216,20 @@ struct Time {
 
 /// Time of the fastest run, and what it made.
 fn best<T>(size: &Size, mut work: impl FnMut() -> Result<T>) -> Result<(Time, T)> {
+    best_of(size, || Ok(()), |()| work())
+}
+
+/// The same of work that uses up its input, whose making is not timed.
+fn best_of<S, T>(
+    size: &Size,
+    mut prepare: impl FnMut() -> Result<S>,
+    mut work: impl FnMut(S) -> Result<T>,
+) -> Result<(Time, T)> {
     let mut fastest: Option<(Time, T)> = None;
     for _ in 0..size.repeat {
+        let input = prepare()?;
         let watch = Stopwatch::start();
-        let made = black_box(work()?);
+        let made = black_box(work(input)?);
         let (seconds, cpu_seconds) = watch.read();
         if fastest.as_ref().is_none_or(|(best, _)| seconds < best.seconds) {
             fastest = Some((Time { seconds, cpu_seconds }, made));

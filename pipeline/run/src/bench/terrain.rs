@@ -1,6 +1,6 @@
 //! Terrain: filling, drainage and light alone, the whole stack, and one edit.
 
-use super::{Figure, Size, best, given, peak_memory, table, wrong};
+use super::{Figure, Size, best, best_of, given, peak_memory, table, wrong};
 use crate::error::Result;
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -14,12 +14,13 @@ use weald_terrain::{Config, Editor, derive, fill, flow, suction, sun};
 const MOST_CELLS_IN_ALL: usize = 1 << 25;
 
 pub(super) fn terrain(size: &Size, input: Option<&Path>) -> Result<Vec<Figure>> {
-    let raster = match input {
-        Some(path) => given::raster(path)?,
-        None => Raster { grid: ground(size.terrain_side), crs: Crs::default() },
+    let given = || match input {
+        Some(path) => given::raster(path),
+        None => Ok(Raster { grid: ground(size.terrain_side), crs: Crs::default() }),
     };
     // The chain first, so that the most memory so far is its own.
-    let mut figures = vec![chain(size, &raster.grid)?];
+    let mut figures = vec![chain(size, || Ok(given()?.grid))?];
+    let raster = given()?;
     figures.extend(drainage(size, &raster.grid)?);
     if raster.grid.frame.len() <= MOST_CELLS_IN_ALL {
         figures.extend(light(size, &raster.grid)?);
@@ -28,9 +29,9 @@ pub(super) fn terrain(size: &Size, input: Option<&Path>) -> Result<Vec<Figure>> 
     Ok(figures)
 }
 
-fn rate(name: &'static str, grid: &Grid, time: super::Time) -> Figure {
-    let Frame { width, height, .. } = grid.frame;
-    Figure::rate(name, grid.frame.len() as f64, "cells/s", time, cells(width, height))
+fn rate(name: &'static str, frame: &Frame, time: super::Time) -> Figure {
+    let Frame { width, height, .. } = *frame;
+    Figure::rate(name, frame.len() as f64, "cells/s", time, cells(width, height))
 }
 
 fn cells(width: usize, height: usize) -> String {
@@ -39,10 +40,11 @@ fn cells(width: usize, height: usize) -> String {
 
 /// From altitude to the wetness index: filling, D8 areas, D-infinity areas, and what it makes of
 /// them, each given up when the next no longer needs it.
-fn chain(size: &Size, grid: &Grid) -> Result<Figure> {
-    let Frame { width, height, cell, .. } = grid.frame;
-    let (time, mean) = best(size, || {
-        let mut flood = flow::fill(width, height, &grid.values);
+fn chain(size: &Size, given: impl FnMut() -> Result<Grid>) -> Result<Figure> {
+    let (time, (frame, _, mean)) = best_of(size, given, |Grid { frame, values }| {
+        let Frame { width, height, cell, .. } = frame;
+        let mut flood = flow::fill(width, height, &values);
+        drop(values);
         let directions = flow::directions(width, height, &flood);
         let largest = flow::drained_cells(width, &directions).into_iter().max();
         drop(directions);
@@ -54,14 +56,14 @@ fn chain(size: &Size, grid: &Grid) -> Result<Figure> {
                 derive::wetness(areas[index] * cell * cell, cell, gradient.tangent())
             });
         let sum: f64 = wetness.iter().map(|wetness| f64::from(*wetness)).sum();
-        Ok((largest, sum / wetness.len() as f64))
+        Ok((frame, largest, sum / wetness.len() as f64))
     })?;
     let memory = peak_memory().map_or_else(String::new, |bytes| {
-        let per_cell = bytes as f64 / grid.frame.len() as f64;
+        let per_cell = bytes as f64 / frame.len() as f64;
         format!(", at most {per_cell:.1} B a cell in all")
     });
-    let figure = rate("fill, D8, D-inf, wetness", grid, time).with(mean.1);
-    Ok(Figure { input: cells(width, height) + &memory, ..figure })
+    let figure = rate("fill, D8, D-inf, wetness", &frame, time).with(mean);
+    Ok(Figure { input: figure.input.clone() + &memory, ..figure })
 }
 
 fn drainage(size: &Size, grid: &Grid) -> Result<Vec<Figure>> {
@@ -84,12 +86,12 @@ fn drainage(size: &Size, grid: &Grid) -> Result<Vec<Figure>> {
     let areas: Vec<f32> = areas.iter().map(|cells| (cells * cell) as f32).collect();
     let (drawn, _) = best(size, || Ok(suction::wetness(&relief, areas.clone(), 10.0)))?;
     Ok(vec![
-        rate("fill, levels alone", grid, levels),
-        rate("fill", grid, filled).with(raised),
-        rate("D8 and accumulation", grid, down).with(f64::from(largest)),
-        rate("D-infinity", grid, infinite),
-        rate("multiple flow", grid, multiple),
-        rate("wetness by suction", grid, drawn),
+        rate("fill, levels alone", &grid.frame, levels),
+        rate("fill", &grid.frame, filled).with(raised),
+        rate("D8 and accumulation", &grid.frame, down).with(f64::from(largest)),
+        rate("D-infinity", &grid.frame, infinite),
+        rate("multiple flow", &grid.frame, multiple),
+        rate("wetness by suction", &grid.frame, drawn),
     ])
 }
 
@@ -99,7 +101,7 @@ fn light(size: &Size, grid: &Grid) -> Result<Vec<Figure>> {
     let days = (0..12).map(|month| 15.0 + 30.4 * f64::from(month)).collect();
     let season = sun::Season { latitude: 0.8, days, transmissivity: 0.7, steps: 24 };
     let (year, _) = best(size, || Ok(sun::light(&relief, Some(&season))))?;
-    Ok(vec![rate("sun and sky of 12 days", grid, year)])
+    Ok(vec![rate("sun and sky of 12 days", &grid.frame, year)])
 }
 
 /// All layers of a short list of operators, and how long an editor takes to show one more hill.
@@ -127,7 +129,7 @@ fn stack(size: &Size, raster: &Raster) -> Result<Vec<Figure>> {
     })?;
     let Frame { width, height, .. } = raster.grid.frame;
     Ok(vec![
-        rate("terrain", &raster.grid, whole),
+        rate("terrain", &raster.grid.frame, whole),
         Figure::time("one more hill", edit, cells(width, height)),
     ])
 }

@@ -19,7 +19,8 @@
 //! | `a ^ b` | power, grouping to the right: `2^3^2` is 512 |
 //!
 //! A value is true unless it equals 0. Functions: `if(condition, then, else)`, `min` and `max` of
-//! two or more, `clamp(x, low, high)`, `lerp(a, b, t)`, `smoothstep(low, high, x)`, `sqrt`,
+//! two or more, `clamp(x, low, high)`, `lerp(a, b, t)`, `smoothstep(low, high, x)`,
+//! `curve(v, x0, y0, x1, y1, …)` (linear between points of rising x, flat outside), `sqrt`,
 //! `exp`, `ln`, `log10`, `sin`, `cos`, `tan` (radians), `atan2(y, x)`, `abs`, `floor`, `ceil`,
 //! `round` (halves away from 0), `sign` (-1, 0 or 1), `noise(wavelength)` and
 //! `noise(wavelength, seed)`, `crown_shadow("species")`. `pi` is a constant, `x` and `y` are metres
@@ -59,6 +60,18 @@ pub enum Variable {
     Y,
 }
 
+/// A function that a formula may call besides those of the language.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Definition {
+    /// What it is called by; a name that the language has already is never found.
+    pub name: String,
+    /// Names of its parameters.
+    pub parameters: Vec<String>,
+    /// A formula over them. It may call what is defined before it; other names are variables of
+    /// the formula that calls it.
+    pub body: String,
+}
+
 /// Why a text is not a formula, and where.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{message}")]
@@ -88,7 +101,12 @@ impl Formula {
     /// Any name that is no function, constant or word of the language becomes a
     /// [`Variable::Layer`]: only the caller knows which layers exist.
     pub fn parse(text: &str) -> Result<Formula, FormulaError> {
-        let parsed = parse::parse(text)?;
+        Self::parse_with(text, &[])
+    }
+
+    /// Reads a formula that may call the functions of `definitions`.
+    pub fn parse_with(text: &str, definitions: &[Definition]) -> Result<Formula, FormulaError> {
+        let parsed = parse::parse(text, definitions)?;
         let (variables, spans) = parsed.variables.into_iter().unzip();
         Ok(Formula { text: text.to_owned(), variables, spans, program: parsed.program })
     }
@@ -348,6 +366,36 @@ mod tests {
         }
         assert!(formula("clamp(v, 0, 1)").eval(&[f32::NAN]).is_nan());
         assert_eq!(value("clamp(5, 3, 1)"), 1.0, "crossed bounds: the upper one wins");
+    }
+
+    #[test]
+    fn a_curve_passes_through_its_points_and_is_flat_outside() {
+        let f = formula("curve(v, 0, 1, 10, 3, 20, 0)");
+        let at = [-5.0, 0.0, 5.0, 10.0, 15.0, 20.0, 99.0].map(|v| f.eval(&[v]));
+        assert_eq!(at, [1.0, 1.0, 2.0, 3.0, 1.5, 0.0, 0.0]);
+        // Two points at one place make a step; points may be formulas.
+        assert_eq!(formula("curve(v, 0, 1, 0, 5)").eval(&[-0.1]), 1.0);
+        assert_eq!(formula("curve(v, 0, 1, 0, 5)").eval(&[0.0]), 5.0);
+        assert_eq!(formula("curve(v, 0, 2 * a, 1, b)").eval(&[0.25, 1.0, 6.0]), 3.0);
+    }
+
+    #[test]
+    fn defined_functions_stand_for_their_bodies() {
+        let define = |name: &str, parameters: &[&str], body: &str| Definition {
+            name: name.into(),
+            parameters: parameters.iter().map(ToString::to_string).collect(),
+            body: body.into(),
+        };
+        let known = [
+            define("twice", &["x"], "x + x"),
+            define("grow", &["t", "late"], "twice(clamp(t - late, 0, 1)) * vigor"),
+        ];
+        let f = Formula::parse_with("1 + grow(2 * t, 1) + grow(x, 0)", &known).unwrap();
+        // t is the caller's own; vigor is found at the call that brings it in.
+        let names: Vec<_> = f.variables().iter().map(|v| format!("{v:?}")).collect();
+        assert_eq!(names, ["Layer(\"t\")", "Layer(\"vigor\")", "X"]);
+        assert_eq!(&f.text()[f.spans()[1].clone()], "grow(2 * t, 1)");
+        assert_eq!(f.eval(&[0.75, 0.5, 0.25]), 1.0 + 0.5 + 0.25);
     }
 
     #[test]
@@ -658,7 +706,7 @@ mod tests {
         fn random_words_of_the_language_never_panic(
             words in prop::collection::vec(prop::sample::select(vec![
                 "(", ")", ",", "+", "-", "*", "/", "^", "<", "<=", "==", "=", "!", "and", "or", "not",
-                "if", "min", "clamp", "smoothstep", "noise", "crown_shadow", "\"oak\"", "\"", "x",
+                "if", "min", "clamp", "smoothstep", "curve", "noise", "crown_shadow", "\"oak\"", "\"", "x",
                 "slope", "1", "2.5", "1e9", "0", "pi", "é", "&&", ".", "1e", " ",
             ]), 0..40)
         ) {

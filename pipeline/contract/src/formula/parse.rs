@@ -6,7 +6,7 @@
 use std::ops::Range;
 
 use super::program::{Binary, Builder, Id, Program, Unary};
-use super::{FormulaError, Variable};
+use super::{Definition, FormulaError, Variable};
 use crate::source::nearest;
 
 /// Longest text that is read, bytes. Hand-written formulas stay under a few hundred.
@@ -15,6 +15,10 @@ const LONGEST_TEXT: usize = 64 * 1024;
 /// Parentheses, calls and right-hand operands within one another; bounds the parser's recursion
 /// to well under a thread's stack.
 const DEEPEST_NESTING: usize = 200;
+
+/// Calls of defined functions in one formula, those inside their bodies included: a chain of
+/// functions that each call the one before twice would double with every link.
+const MOST_EXPANSIONS: usize = 4096;
 
 /// Seeds of `noise` are literals in single precision, which holds every integer up to 2^24.
 const LARGEST_SEED: f32 = 16_777_215.0;
@@ -36,15 +40,15 @@ pub(super) struct Parsed {
     pub(super) program: Program,
 }
 
-/// Reads a whole formula.
-pub(super) fn parse(text: &str) -> Result<Parsed, FormulaError> {
+/// Reads a whole formula that may call the functions of `definitions`.
+pub(super) fn parse(text: &str, definitions: &[Definition]) -> Result<Parsed, FormulaError> {
     if text.len() > LONGEST_TEXT {
         let limit = text.floor_char_boundary(LONGEST_TEXT);
         let message =
             format!("a formula has at most {LONGEST_TEXT} bytes, this one {}", text.len());
         return Err(FormulaError { message, span: limit..text.len() });
     }
-    let mut parser = Parser::new(text)?;
+    let mut parser = Parser::new(text, definitions)?;
     if parser.token == Token::End {
         let message =
             "the formula is empty: write a number, a layer's name or an expression of them";
@@ -194,13 +198,14 @@ const fn function(
 }
 
 /// All functions, by name in alphabetical order, as error messages list them.
-const FUNCTIONS: [Function; 21] = [
+const FUNCTIONS: [Function; 22] = [
     function("abs", "abs(v)", (1, 1), Meaning::Unary(Unary::Abs)),
     function("atan2", "atan2(y, x)", (2, 2), Meaning::Of(atan2)),
     function("ceil", "ceil(v)", (1, 1), Meaning::Unary(Unary::Ceil)),
     function("clamp", "clamp(v, low, high)", (3, 3), Meaning::Of(clamp)),
     function("cos", "cos(radians)", (1, 1), Meaning::Unary(Unary::Cos)),
     function("crown_shadow", "crown_shadow(\"species\")", (1, 1), Meaning::CrownShadow),
+    function("curve", "curve(v, x0, y0, x1, y1, …)", (5, usize::MAX), Meaning::Of(curve)),
     function("exp", "exp(v)", (1, 1), Meaning::Unary(Unary::Exp)),
     function("floor", "floor(v)", (1, 1), Meaning::Unary(Unary::Floor)),
     function("if", "if(condition, then, else)", (3, 3), Meaning::Of(choose)),
@@ -265,6 +270,18 @@ fn smoothstep(b: &mut Builder, v: &[Id]) -> Id {
     b.unary(Unary::Hermite, t)
 }
 
+/// y0 + Σ (y[i+1] - y[i]) ramp(v - x[i], x[i+1] - x[i]): linear between the points, flat outside.
+fn curve(b: &mut Builder, v: &[Id]) -> Id {
+    v[1..].windows(4).step_by(2).fold(v[2], |height, points| {
+        let above = b.binary(Binary::Subtract, v[0], points[0]);
+        let width = b.binary(Binary::Subtract, points[2], points[0]);
+        let t = b.binary(Binary::Ramp, above, width);
+        let rise = b.binary(Binary::Subtract, points[3], points[1]);
+        let rise = b.binary(Binary::Multiply, rise, t);
+        b.binary(Binary::Add, height, rise)
+    })
+}
+
 /// What an operator between two values does.
 #[derive(Clone, Copy)]
 struct Infix {
@@ -309,13 +326,33 @@ struct Parser<'a> {
     depth: usize,
     builder: Builder,
     variables: Vec<(Variable, Range<usize>)>,
+    /// Functions that the text may call besides those of the language.
+    definitions: &'a [Definition],
+    /// Parameters of the function whose body is being read, with their values.
+    parameters: Vec<(&'a str, Id)>,
+    /// The call whose body is being read, bytes of the formula itself.
+    expanded: Option<Range<usize>>,
+    expansions: usize,
 }
 
 impl<'a> Parser<'a> {
-    fn new(text: &'a str) -> Result<Self, FormulaError> {
+    fn new(text: &'a str, definitions: &'a [Definition]) -> Result<Self, FormulaError> {
         let (token, span) = next_token(text, 0)?;
         let builder = Builder::default();
-        Ok(Parser { text, token, span, last_end: 0, depth: 0, builder, variables: vec![] })
+        let (variables, parameters, expanded) = Default::default();
+        Ok(Parser {
+            text,
+            token,
+            span,
+            last_end: 0,
+            depth: 0,
+            builder,
+            variables,
+            definitions,
+            parameters,
+            expanded,
+            expansions: 0,
+        })
     }
 
     /// Steps to the next token and returns the span of the one left behind.
@@ -413,8 +450,14 @@ impl<'a> Parser<'a> {
         if self.is_at("(") {
             return match FUNCTIONS.iter().find(|f| f.name == name) {
                 Some(function) => self.call(function, span),
-                None => Err(unknown_function(name, span)),
+                None => match self.definitions.iter().find(|d| d.name == name) {
+                    Some(definition) => self.expand(definition, span),
+                    None => Err(unknown_function(name, self.definitions, span)),
+                },
             };
+        }
+        if let Some((_, value)) = self.parameters.iter().find(|(known, _)| *known == name) {
+            return Ok(*value);
         }
         if let Some(function) = FUNCTIONS.iter().find(|f| f.name == name) {
             let message = format!("`{name}` is a function: write {}", function.usage);
@@ -428,7 +471,45 @@ impl<'a> Parser<'a> {
         })
     }
 
+    /// Reads a call of a defined function: its body with the arguments in place of parameters.
+    fn expand(&mut self, definition: &'a Definition, name: Range<usize>) -> Result<Id, FormulaError> {
+        let open = self.advance()?;
+        let (values, _) = self.arguments(open)?;
+        let span = self.expanded.clone().unwrap_or(name.start..self.last_end);
+        let (found, wanted) = (values.len(), definition.parameters.len());
+        if found != wanted {
+            let Definition { name, parameters, .. } = definition;
+            let usage = format!("{name}({})", parameters.join(", "));
+            let message = format!("`{name}` takes {wanted}, found {found}: write {usage}");
+            return Err(FormulaError { message, span });
+        }
+        self.expansions += 1;
+        if self.expansions > MOST_EXPANSIONS {
+            let message = format!("more than {MOST_EXPANSIONS} calls of defined functions");
+            return Err(FormulaError { message, span });
+        }
+        let names = definition.parameters.iter().map(String::as_str);
+        let inner = |mut error: FormulaError| {
+            error.message = format!("in `{}`: {}", definition.name, error.message);
+            error.span = span.clone();
+            error
+        };
+        let (token, first) = next_token(&definition.body, 0).map_err(inner)?;
+        let outer = (self.text, self.token, self.span.clone(), self.last_end, self.expanded.clone());
+        let parameters = std::mem::replace(&mut self.parameters, names.zip(values).collect());
+        (self.text, self.token, self.span, self.last_end) = (&definition.body, token, first, 0);
+        self.expanded = Some(span.clone());
+        let value = self.expression(OR).and_then(|value| match self.token {
+            Token::End => Ok(value),
+            _ => Err(self.error_after_value()),
+        });
+        (self.text, self.token, self.span, self.last_end, self.expanded) = outer;
+        self.parameters = parameters;
+        value.map_err(inner)
+    }
+
     fn variable(&mut self, variable: Variable, span: Range<usize>) -> Id {
+        let span = self.expanded.clone().unwrap_or(span);
         let known = self.variables.iter().position(|(v, _)| *v == variable);
         let index = known.unwrap_or_else(|| {
             self.variables.push((variable, span));
@@ -446,6 +527,10 @@ impl<'a> Parser<'a> {
         let (values, spans) = self.arguments(open)?;
         if !(function.fewest..=function.most).contains(&values.len()) {
             return Err(wrong_count(function, values.len(), name.start..self.last_end));
+        }
+        if function.name == "curve" && values.len().is_multiple_of(2) {
+            let message = "the last point has no height: write curve(v, x0, y0, x1, y1, …)".into();
+            return Err(FormulaError { message, span: name.start..self.last_end });
         }
         Ok(match function.meaning {
             Meaning::Unary(op) => self.builder.unary(op, values[0]),
@@ -572,14 +657,16 @@ fn wrong_count(function: &Function, found: usize, span: Range<usize>) -> Formula
     FormulaError { message, span }
 }
 
-fn unknown_function(name: &str, span: Range<usize>) -> FormulaError {
+fn unknown_function(name: &str, definitions: &[Definition], span: Range<usize>) -> FormulaError {
     let foreign = FOREIGN_FUNCTIONS.iter().find(|(n, _)| *n == name);
+    let defined = definitions.iter().map(|d| d.name.as_str());
+    let known = || FUNCTIONS.iter().map(|f| f.name).chain(defined.clone());
     let message = if let Some((_, advice)) = foreign {
         format!("no function `{name}`: {advice}")
-    } else if let Some(near) = nearest(&name.to_lowercase(), FUNCTIONS.iter().map(|f| f.name)) {
+    } else if let Some(near) = nearest(&name.to_lowercase(), known()) {
         format!("no function `{name}`; did you mean `{near}`?")
     } else {
-        let all: Vec<&str> = FUNCTIONS.iter().map(|f| f.name).collect();
+        let all: Vec<&str> = known().collect();
         format!("no function `{name}`; there are {}", all.join(", "))
     };
     FormulaError { message, span }
@@ -591,7 +678,7 @@ mod tests {
 
     /// The error for `text`: the part it points at, and its message.
     fn fault(text: &str) -> (&str, String) {
-        match parse(text) {
+        match parse(text, &[]) {
             Ok(_) => panic!("`{text}` was read"),
             Err(e) => (&text[e.span], e.message),
         }
@@ -628,12 +715,38 @@ mod tests {
         assert_fault("erosion(x)", "erosion", "there are abs, atan2, ceil, clamp");
     }
 
+    fn defined(name: &str, parameters: &[&str], body: &str) -> Definition {
+        let parameters = parameters.iter().map(ToString::to_string).collect();
+        Definition { name: name.into(), parameters, body: body.into() }
+    }
+
+    #[test]
+    fn calls_of_defined_functions_count_their_arguments_and_are_bounded() {
+        let one = [defined("half", &["v"], "v / 2"), defined("odd", &["v"], "v +")];
+        let fault = |text: &str| parse(text, &one).err().map(|e| (text[e.span].to_owned(), e.message));
+        let (at, says) = fault("1 + half(2, 3)").unwrap();
+        assert_eq!((at.as_str(), says.contains("takes 1, found 2")), ("half(2, 3)", true));
+        let (at, says) = fault("2 * hafl(3)").unwrap();
+        assert_eq!((at.as_str(), says.contains("`half`")), ("hafl", true), "{says}");
+        let (at, says) = fault("1 + odd(2)").unwrap();
+        assert_eq!((at.as_str(), says.starts_with("in `odd`: expected")), ("odd(2)", true), "{says}");
+        let mut chain = vec![defined("f0", &["v"], "v + 1")];
+        for i in 1..40 {
+            let body = format!("f{0}(v) + f{0}(v + 1)", i - 1);
+            chain.push(defined(&format!("f{i}"), &["v"], &body));
+        }
+        let error = parse("f39(x)", &chain).err().unwrap();
+        assert!(error.message.contains("more than 4096 calls"), "{}", error.message);
+    }
+
     #[test]
     fn wrong_argument_counts_point_at_the_call() {
         assert_fault("2 * clamp(x, 0) + 1", "clamp(x, 0)", "takes 3 arguments, found 2");
         assert_fault("min(x)", "min(x)", "2 or more arguments, found 1");
         assert_fault("sqrt()", "sqrt()", "1 argument, found 0");
         assert_fault("noise(1, 2, 3)", "noise(1, 2, 3)", "1 to 2 arguments, found 3");
+        assert_fault("curve(x, 0, 1)", "curve(x, 0, 1)", "5 or more arguments, found 3");
+        assert_fault("curve(x, 0, 1, 2, 3, 4)", "curve(x, 0, 1, 2, 3, 4)", "has no height");
     }
 
     #[test]
@@ -644,7 +757,7 @@ mod tests {
     #[test]
     fn unbalanced_parentheses_point_at_the_one_without_partner() {
         assert_fault("2 * (x + (y)", "(", "never closed");
-        assert_eq!(parse("2 * (x + (y)").err().map(|e| e.span), Some(4..5));
+        assert_eq!(parse("2 * (x + (y)", &[]).err().map(|e| e.span), Some(4..5));
         assert_fault("max(1, 2", "(", "never closed");
         assert_fault("(x))", ")", "has no `(`");
     }
@@ -662,7 +775,7 @@ mod tests {
     #[test]
     fn missing_operands_are_pointed_at() {
         assert_fault("1 +", "", "found the end");
-        assert_eq!(parse("1 + ").err().map(|e| e.span), Some(4..4));
+        assert_eq!(parse("1 + ", &[]).err().map(|e| e.span), Some(4..4));
         assert_fault("* 2", "*", "expected a number");
         assert_fault("max(1, )", ")", "expected a number");
         assert_fault("1 + and", "and", "expected a number");
@@ -688,16 +801,16 @@ mod tests {
     #[test]
     fn comparisons_do_not_chain() {
         assert_fault("1 < x < 3", "<", "do not chain");
-        assert_eq!(parse("1 < x < 3").err().map(|e| e.span), Some(6..7));
-        assert!(parse("1 < x and x < 3").is_ok());
-        assert!(parse("(1 < x) == (x < 3)").is_ok());
+        assert_eq!(parse("1 < x < 3", &[]).err().map(|e| e.span), Some(6..7));
+        assert!(parse("1 < x and x < 3", &[]).is_ok());
+        assert!(parse("(1 < x) == (x < 3)", &[]).is_ok());
     }
 
     #[test]
     fn not_behind_a_stronger_operator_asks_for_parentheses() {
         assert_fault("2 * not x", "not", "(not …)");
-        assert!(parse("2 * (not x)").is_ok());
-        assert!(parse("a and not b").is_ok());
+        assert!(parse("2 * (not x)", &[]).is_ok());
+        assert!(parse("a and not b", &[]).is_ok());
     }
 
     #[test]
@@ -727,7 +840,7 @@ mod tests {
     #[test]
     fn nesting_is_bounded_at_two_hundred_levels() {
         let nested = |depth: usize| format!("{}x{}", "(".repeat(depth), ")".repeat(depth));
-        assert!(parse(&nested(200)).is_ok());
+        assert!(parse(&nested(200), &[]).is_ok());
         let deep = nested(201);
         let (at, message) = fault(&deep);
         assert_eq!(at, "x");
@@ -755,6 +868,6 @@ mod tests {
         assert!(message.contains("at most 65536 bytes"), "{message}");
         // A character across the limit is kept whole.
         assert!(fault(&"é+".repeat(LONGEST_TEXT / 2)).0.starts_with(['é', '+']));
-        assert!(parse(&long[..LONGEST_TEXT - 1]).is_ok());
+        assert!(parse(&long[..LONGEST_TEXT - 1], &[]).is_ok());
     }
 }

@@ -18,9 +18,15 @@
 //! neither changes when the plant grows on.
 //!
 //! Formulas are those of [`weald_contract::Formula`], whose names stand for parameters here; its
-//! power operator binds as there, and logic is written `and`, `or`, `not`. Functions over tables
-//! are not part of that language: age functions are written with `smoothstep`, `lerp` and `clamp`.
+//! power operator binds as there, and logic is written `and`, `or`, `not`. Functions of age are
+//! written as tables, `define opening(t) = curve(t, 0, 0, 3, 0.7, 8, 1)`, or with `smoothstep`,
+//! `lerp` and `clamp`.
+//!
+//! A plant can ask what surrounds it (an *open* L-system [Mech96]): [`environment`] answers `?E`
+//! with the light that reaches the module or with its neighbours, and `?P`, `?H`, `?L` and `?U`
+//! with the turtle's place and frame.
 
+pub mod environment;
 pub mod grammar;
 pub mod rewrite;
 pub mod turtle;
@@ -29,6 +35,7 @@ use crate::Stature;
 use crate::material::{LeafColor, opaque, petal};
 use crate::organ::{self, LeafShape};
 use crate::skeleton::{AxisKind, Skeleton};
+use environment::Environment;
 use glam::Vec3;
 use grammar::{Grammar, Texts};
 use weald_contract::table::Tagged;
@@ -59,6 +66,8 @@ table! {
         elasticity: f32 = 0.0, in -3.0..=3.0;
         /// Whether the plant is stretched to the crown radius asked for.
         fit_crown: bool = true;
+        /// What answers `?E`.
+        environment: Environment = Environment::default();
         /// What lines are drawn with: the first, until `'` takes the next or `'(i)` number i.
         stroke: Written<Vec<Stroke>> = Written { value: vec![Stroke::green()], span: Span::default() };
         /// What `~name(length)` or `~name(width, length)` places.
@@ -205,9 +214,13 @@ impl Lsystem {
     pub fn grow(&self, stature: &Stature, seed: Seed) -> Result<Skeleton, Problem> {
         let grammar = self.grammar().map_err(first)?;
         let time = self.steps * stature.maturity;
-        let string = rewrite::derive(&grammar, time, stature, seed)?;
         let mut skeleton = Skeleton::default();
         let styles = self.styles(&mut skeleton, stature.vigor);
+        let string = rewrite::derive(&grammar, time, stature, seed, &mut |word| {
+            let mut sketch = skeleton.clone();
+            let questions = turtle::draw(self, word, &styles, stature, &mut sketch)?;
+            Ok(self.environment.answers(&questions))
+        })?;
         turtle::draw(self, &string, &styles, stature, &mut skeleton)?;
         self.fit(&mut skeleton, stature);
         Ok(skeleton)

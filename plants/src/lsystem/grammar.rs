@@ -1,15 +1,19 @@
 //! Reading productions.
 //!
-//! A letter with the digits after it is a symbol of its own; so is every sign of the turtle.
+//! A letter with the digits after it is a symbol of its own; so is every sign of the turtle, and
+//! a question with its letter: `?P`.
 //! A statement begins on a line with `->` or the word `define` and reaches to the next one;
 //! `#` begins a comment.
 
 use std::ops::Range;
-use weald_contract::formula::{Formula, Variable};
+use weald_contract::formula::{Definition, Formula, Variable};
 use weald_contract::{Problem, Problems, Span, Written};
 
 /// The signs that the turtle knows, besides letters, `F` and `f` among them, and `~`.
 const SIGNS: &str = "+-&^\\/|[]!'{}.$%_";
+
+/// Letters of the questions `?E`, `?P`, `?H`, `?L`, `?U`; a symbol's number is its place here.
+pub const QUESTIONS: [char; 5] = ['E', 'P', 'H', 'L', 'U'];
 
 /// What every formula may name, in the order of [`crate::lsystem::rewrite`]'s table.
 pub const GLOBALS: [&str; 6] = ["time", "vigor", "maturity", "height", "radius", "stem"];
@@ -22,7 +26,8 @@ const CHANCE: &str = "random";
 pub struct Symbol {
     /// The letter or sign.
     pub mark: char,
-    /// For a letter the digits after it and one, or 0; for `~` the number of the organ.
+    /// For a letter the digits after it and one, or 0; for `~` the number of the organ; for `?`
+    /// the place in [`QUESTIONS`].
     pub number: u32,
 }
 
@@ -31,12 +36,20 @@ impl Symbol {
     fn is_letter(self) -> bool {
         self.mark.is_ascii_alphabetic()
     }
+
+    /// Whether something answers it after a step.
+    pub fn is_question(self) -> bool {
+        self.mark == '?'
+    }
 }
 
 impl std::fmt::Display for Symbol {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match (self.is_letter(), self.number) {
             (true, 1..) => write!(f, "{}{}", self.mark, self.number - 1),
+            (false, number) if self.is_question() => {
+                write!(f, "?{}", QUESTIONS.get(number as usize).unwrap_or(&' '))
+            }
             _ => write!(f, "{}", self.mark),
         }
     }
@@ -114,6 +127,8 @@ pub struct Grammar {
     pub interpretation: Vec<Production>,
     /// Letters that contexts do not see.
     pub ignored: Vec<char>,
+    /// Whether the axiom or a successor asks something.
+    pub asks: bool,
     /// Where the axiom is written.
     pub span: Span,
 }
@@ -145,7 +160,8 @@ impl Grammar {
         let mut problems: Problems =
             texts.organs.iter().filter(|name| !is_name(&name.value)).map(|n| bad_name(n)).collect();
         let globals = GLOBALS.iter().map(ToString::to_string).collect();
-        let mut names = Names { globals, organs: &organs, defined: Vec::new() };
+        let (defined, functions) = Default::default();
+        let mut names = Names { globals, organs: &organs, defined, functions };
         let mut read = |text: &Written<String>, contexts: bool| {
             Reader::new(text).productions(&mut names, contexts, &mut problems)
         };
@@ -162,12 +178,15 @@ impl Grammar {
         }
         let ignored = texts.ignore.chars().filter(|c| !c.is_whitespace()).collect();
         let (definitions, span) = (names.defined, texts.axiom.span);
-        Ok(Self { axiom, definitions, rules, decomposition, interpretation, ignored, span })
+        let all = [&rules, &decomposition, &interpretation].into_iter().flatten();
+        let made = axiom.iter().chain(all.flat_map(|production| &production.successor));
+        let asks = made.into_iter().any(|template| template.symbol.is_question());
+        Ok(Self { axiom, definitions, rules, decomposition, interpretation, ignored, asks, span })
     }
 
     /// Whether contexts see a symbol.
     pub fn is_seen(&self, symbol: Symbol) -> bool {
-        symbol.is_letter() && !self.ignored.contains(&symbol.mark)
+        (symbol.is_letter() || symbol.is_question()) && !self.ignored.contains(&symbol.mark)
     }
 }
 
@@ -186,6 +205,7 @@ struct Names<'a> {
     globals: Vec<String>,
     organs: &'a [&'a str],
     defined: Vec<Expression>,
+    functions: Vec<Definition>,
 }
 
 /// One text with its place in the file.
@@ -260,16 +280,36 @@ impl Reader {
 
     fn definition(&self, range: Range<usize>, names: &mut Names<'_>) -> Parsed<()> {
         let text = &self.text[range.clone()];
-        let missing = || self.problem(range.clone(), "expected `define name = formula`");
+        let missing = || {
+            let what = "expected `define name = formula` or `define name(parameters) = formula`";
+            self.problem(range.clone(), what)
+        };
         let equals = range.start + text.find('=').ok_or_else(missing)?;
-        let name = self.trimmed(range.start..equals);
+        let head = self.trimmed(range.start..equals);
+        let open = self.text[head.clone()].find('(').map_or(head.end, |at| head.start + at);
+        let name = self.trimmed(head.start..open);
         let word = &self.text[name.clone()];
-        if !is_name(word) || names.globals.iter().any(|known| known == word) || word == CHANCE {
+        let mut known = names.globals.iter().chain(names.functions.iter().map(|f| &f.name));
+        if !is_name(word) || known.any(|known| known == word) || word == CHANCE {
             let what = format!("`{word}` cannot be defined");
             return Err(self.problem(name, what).hint("a new name is needed, a letter first"));
         }
         let word = word.to_string();
-        let value = self.expression(equals + 1..range.end, names, &[])?;
+        let body = equals + 1..range.end;
+        if open < head.end {
+            let (arguments, end) = self.arguments(open, head.end)?;
+            if end != head.end {
+                return Err(missing());
+            }
+            let mut parameters = Vec::new();
+            arguments.into_iter().try_for_each(|a| self.parameter(a, &mut parameters))?;
+            // Read once by itself, so that a mistake is told where it is written.
+            self.expression(body.clone(), names, &parameters)?;
+            let body = self.text[body].to_string();
+            names.functions.push(Definition { name: word, parameters, body });
+            return Ok(());
+        }
+        let value = self.expression(body, names, &[])?;
         if value.sources.contains(&Source::Chance) {
             let what = "a definition holds everywhere and takes no chance";
             return Err(self.problem(equals + 1..range.end, what));
@@ -355,17 +395,22 @@ impl Reader {
     ) -> Parsed<Vec<Pattern>> {
         let mut patterns = Vec::new();
         for (symbol, arguments) in self.modules(range, names)? {
-            for argument in &arguments {
-                let word = &self.text[argument.clone()];
-                if !is_name(word) || parameters.iter().any(|known| known == word) {
-                    let what = format!("`{word}` is no new name of a parameter");
-                    return Err(self.problem(argument.clone(), what));
-                }
-                parameters.push(word.to_string());
-            }
-            patterns.push(Pattern { symbol, arity: arguments.len() });
+            let arity = arguments.len();
+            arguments.into_iter().try_for_each(|a| self.parameter(a, parameters))?;
+            patterns.push(Pattern { symbol, arity });
         }
         Ok(patterns)
+    }
+
+    /// Takes in the name of a parameter.
+    fn parameter(&self, name: Range<usize>, parameters: &mut Vec<String>) -> Parsed<()> {
+        let word = &self.text[name.clone()];
+        if !is_name(word) || parameters.iter().any(|known| known == word) {
+            let what = format!("`{word}` is no new name of a parameter");
+            return Err(self.problem(name, what));
+        }
+        parameters.push(word.to_string());
+        Ok(())
     }
 
     fn successor(
@@ -406,11 +451,19 @@ impl Reader {
         while at < range.end {
             let (symbol, after) = self.symbol(at, range.end, names)?;
             let (arguments, after) = self.arguments(after, range.end)?;
-            let most = if symbol.is_letter() { usize::MAX } else { 1 };
-            let most = if symbol.mark == '~' { 2 } else { most };
+            let most = match symbol.mark {
+                '?' => 3,
+                '~' => 2,
+                _ if symbol.is_letter() => usize::MAX,
+                _ => 1,
+            };
             if arguments.len() > most {
                 let what = format!("`{symbol}` takes at most {most} parameters");
                 return Err(self.problem(at..after, what));
+            }
+            if symbol.is_question() && arguments.is_empty() {
+                let what = format!("`{symbol}` needs a parameter that the answer replaces");
+                return Err(self.problem(at..after, what).hint(format!("write `{symbol}(0)`")));
             }
             modules.push((symbol, arguments));
             at = self.skip_space(after, range.end);
@@ -450,11 +503,21 @@ impl Reader {
             };
             return Ok((Symbol { mark, number: number as u32 }, name.end));
         }
+        if mark == '?' {
+            let letter = self.text[after..end].chars().next();
+            let number = QUESTIONS.iter().position(|question| Some(*question) == letter);
+            let Some(number) = number else {
+                let what = "`?` asks nothing without its letter";
+                let hint = "`?E` (environment), `?P` (position), `?H`, `?L`, `?U` (heading, left, up)";
+                return Err(self.problem(at..after, what).hint(hint));
+            };
+            return Ok((Symbol { mark, number: number as u32 }, after + 1));
+        }
         if SIGNS.contains(mark) {
             return Ok((Symbol { mark, number: 0 }, after));
         }
         let what = format!("`{mark}` is no module");
-        let hint = format!("a letter, `~organ`, or one of {SIGNS}");
+        let hint = format!("a letter, `~organ`, a question such as `?E`, or one of {SIGNS}");
         Err(self.problem(at..after, what).hint(hint))
     }
 
@@ -493,7 +556,7 @@ impl Reader {
     ) -> Parsed<Expression> {
         let range = self.trimmed(range);
         let at = |inner: &Range<usize>| range.start + inner.start..range.start + inner.end;
-        let formula = Formula::parse(&self.text[range.clone()])
+        let formula = Formula::parse_with(&self.text[range.clone()], &names.functions)
             .map_err(|error| self.problem(at(&error.span), error.message))?;
         let mut sources = Vec::new();
         for (variable, span) in formula.variables().iter().zip(formula.spans()) {

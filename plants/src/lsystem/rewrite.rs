@@ -1,7 +1,12 @@
 //! Rewriting a string of modules.
+//!
+//! Between two steps the modules that ask something are answered: the string is interpreted as at
+//! the end of the step that has just been made, and whoever reads it returns the answers
+//! [Mech96] §3. They replace the modules' parameters before the next step sees them.
 
 use super::grammar::{Expression, Grammar, Pattern, Production, Source, Symbol, Template};
 use crate::Stature;
+use std::collections::HashMap;
 use weald_contract::{Problem, Seed, Span};
 
 /// Most modules of a string: a tree of that many would not be drawn with sense.
@@ -35,6 +40,18 @@ impl Word {
         &self.values[module.first as usize..(module.first + module.count) as usize]
     }
 
+    /// Replaces parameters of modules by the answers that they got.
+    fn take(&mut self, answers: &[Answer]) {
+        let answers: HashMap<u64, [f32; 3]> = answers.iter().map(|a| (a.id, a.values)).collect();
+        for module in self.modules.iter().filter(|module| module.symbol.is_question()) {
+            let Some(answer) = answers.get(&module.id) else { continue };
+            let (first, count) = (module.first as usize, module.count as usize);
+            for (value, answer) in self.values[first..first + count].iter_mut().zip(answer) {
+                *value = *answer;
+            }
+        }
+    }
+
     fn push(&mut self, symbol: Symbol, id: u64, values: &[f32]) {
         let first = self.values.len() as u32;
         self.values.extend_from_slice(values);
@@ -57,26 +74,44 @@ impl std::fmt::Display for Word {
     }
 }
 
+/// The answer to one question.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Answer {
+    /// The module that asked.
+    pub id: u64,
+    /// What replaces its parameters, as many as it has.
+    pub values: [f32; 3],
+}
+
 /// The string that the turtle reads after `time` steps: whole steps are made, and formulas see
-/// the time itself.
+/// the time itself. `answer` gets each interpreted string whose questions are to be answered.
 ///
 /// # Errors
-/// The production that makes the string too long or never ends.
+/// The production that makes the string too long or never ends, or what `answer` finds wrong.
 pub fn derive(
     grammar: &Grammar,
     time: f32,
     stature: &Stature,
     seed: Seed,
+    answer: &mut dyn FnMut(&Word) -> Result<Vec<Answer>, Problem>,
 ) -> Result<Word, Problem> {
-    let mut rewriter = Rewriter { grammar, globals: globals(grammar, time, stature), seed };
-    let mut word = rewriter.axiom()?;
-    let mut next = Word::default();
     // A step that has begun counts: what it makes starts from nothing.
-    for _ in 0..libm::ceilf(time.max(0.0)) as u32 {
-        rewriter.step(&word, &mut next)?;
-        std::mem::swap(&mut word, &mut next);
+    let steps = libm::ceilf(time.max(0.0)) as usize;
+    let mut answers: Vec<Vec<Answer>> = Vec::new();
+    let at = |then: f32, steps: usize, answers: &[Vec<Answer>]| {
+        let part = if time > 0.0 { then / time } else { 1.0 };
+        let stature = Stature { maturity: stature.maturity * part, ..*stature };
+        Rewriter { grammar, globals: globals(grammar, then, &stature), seed }.after(steps, answers)
+    };
+    if grammar.asks {
+        // What a plant was told in its youth does not depend on how old it is now, so each
+        // answer is that of a plant grown to its step: formulas see that time.
+        for step in 0..steps {
+            answers.push(answer(&at(step as f32, step, &answers)?)?);
+        }
+        answers.push(answer(&at(time, steps, &answers)?)?);
     }
-    rewriter.interpret(&word)
+    at(time, steps, &answers)
 }
 
 /// Values of the names that hold everywhere, in the order of [`super::grammar::GLOBALS`].
@@ -124,6 +159,20 @@ impl<'a> Rewriter<'a> {
         let grammar = self.grammar;
         self.append(&grammar.axiom, &[], 0, 0, grammar.span, &mut word)?;
         Ok(word)
+    }
+
+    /// The interpreted string after so many steps; before each the answers are taken that belong
+    /// to it, and at the end those of one more.
+    fn after(&mut self, steps: usize, answers: &[Vec<Answer>]) -> Result<Word, Problem> {
+        let mut word = self.axiom()?;
+        let mut next = Word::default();
+        for step in 0..steps {
+            answers.get(step).into_iter().for_each(|answers| word.take(answers));
+            self.step(&word, &mut next)?;
+            std::mem::swap(&mut word, &mut next);
+        }
+        answers.get(steps).into_iter().for_each(|answers| word.take(answers));
+        self.interpret(&word)
     }
 
     /// Replaces all modules at once.

@@ -12,11 +12,16 @@ fn read(text: &str) -> Lsystem {
     form.unwrap()
 }
 
+/// The string of a grammar whose questions stay without an answer.
+fn derive(grammar: &grammar::Grammar, steps: f32, seed: Seed) -> rewrite::Word {
+    rewrite::derive(grammar, steps, &GROWN, seed, &mut |_| Ok(Vec::new())).unwrap()
+}
+
 /// The string after so many steps, as text.
 fn string(axiom: &str, rules: &str, steps: f32) -> String {
     let form = read(&format!("axiom = '{axiom}'\nrules = '''\n{rules}\n'''"));
     let grammar = form.grammar().unwrap();
-    rewrite::derive(&grammar, steps, &GROWN, Seed(3)).unwrap().to_string()
+    derive(&grammar, steps, Seed(3)).to_string()
 }
 
 #[test]
@@ -75,7 +80,7 @@ fn contexts_lend_their_parameters() {
 fn letters_that_are_ignored_do_not_stand_between_neighbours() {
     let text = "ignore = 'F'\naxiom = 'AFFB'\nrules = 'A < B -> C'";
     let grammar = read(text).grammar().unwrap();
-    assert_eq!(rewrite::derive(&grammar, 1.0, &GROWN, Seed(1)).unwrap().to_string(), "AFFC");
+    assert_eq!(derive(&grammar, 1.0, Seed(1)).to_string(), "AFFC");
 }
 
 #[test]
@@ -99,7 +104,7 @@ fn decomposition_and_interpretation_repeat_until_nothing_fits() {
          decomposition = 'B(n) : n > 1 -> C B(n - 1)'\n\
          interpretation = '''\nC -> D\nD -> EE\n'''",
     );
-    let word = rewrite::derive(&form.grammar().unwrap(), 1.0, &GROWN, Seed(3)).unwrap();
+    let word = derive(&form.grammar().unwrap(), 1.0, Seed(3));
     assert_eq!(word.to_string(), "EEEEEEEEB(1)");
 }
 
@@ -107,6 +112,77 @@ fn decomposition_and_interpretation_repeat_until_nothing_fits() {
 fn defined_numbers_and_those_of_the_plant_are_known_everywhere() {
     let rules = "define long = 2 * height\ndefine more = long + vigor\nA(x) -> B(more + x)";
     assert_eq!(string("A(0.5)", rules, 1.0), "B(3.5)");
+}
+
+#[test]
+fn functions_of_tables_are_defined_once_and_called_anywhere() {
+    let rules = "define open(t) = curve(t, 0, 0, 2, 1)\n\
+                 define twice(t, k) = open(t) * k + open(t - 1)\n\
+                 A(x) : open(x) > 0.4 -> B(twice(x, 10))";
+    assert_eq!(string("A(1)A(0.5)A(9)", rules, 1.0), "B(5)A(0.5)B(11)");
+}
+
+#[test]
+fn the_turtles_place_and_frame_answer_questions() {
+    let form = read(
+        "axiom = 'F(2)+(90)F(1)?P(0,0,0)?H(0,0)A'\n\
+         rules = '?P(x, y, z) ?H(a, b) < A -> B(x, y, z, a, b)'",
+    );
+    let grammar = form.grammar().unwrap();
+    let mut skeleton = Skeleton::default();
+    let styles = form.styles(&mut skeleton, 1.0);
+    let word = rewrite::derive(&grammar, 1.0, &GROWN, Seed(3), &mut |word| {
+        let questions = turtle::draw(&form, word, &styles, &GROWN, &mut skeleton.clone())?;
+        Ok(form.environment.answers(&questions))
+    });
+    let word = word.unwrap();
+    let last = word.modules.last().unwrap();
+    let rounded: Vec<f32> = word.values_of(last).iter().map(|v| (v * 1e4).round() / 1e4).collect();
+    assert_eq!(rounded, [1.0, 0.0, 2.0, 1.0, 0.0]);
+}
+
+/// A bush clipped to a sphere of radius 0.4 around (0, 0, 1), the topiary of [Prus94].
+const CLIPPED: &str = "fit_crown = false\nsteps = 12\nangle_deg = 35\naxiom = 'F(1)A?P(0,0,0)'
+rules = '''
+define off(x, y, z) = x^2 + y^2 + (z - 1)^2
+A > ?P(x, y, z) : off(x, y, z) < 0.16 -> [+F(0.1)A?P(0,0,0)]/(90)[-F(0.1)A?P(0,0,0)]
+A > ?P(x, y, z) : off(x, y, z) >= 0.16 -> %
+'''";
+
+#[test]
+fn shoots_that_know_their_place_can_be_kept_within_a_shape() {
+    let skeleton = grown(CLIPPED, &GROWN);
+    let tips = tips(&skeleton);
+    let top = tips.iter().map(|tip| tip[2]).fold(0.0, f32::max);
+    // The drawing is scaled to a height of 1; its stem is 1 high before.
+    let stem = tips[0][2];
+    assert!((0.65..0.75).contains(&stem) && top <= 1.0, "{stem} {top}");
+    let reach = |tip: &[f32; 3]| (glam::Vec3::from_array(*tip) / stem - glam::Vec3::Z).length();
+    let far = tips.iter().skip(1).map(reach).fold(0.0, f32::max);
+    assert!((0.4..0.5).contains(&far), "{far}");
+}
+
+const SHADED: &str = "steps = 10\nfit_crown = false\nenvironment = { voxel = 0.05 }
+axiom = 'F(0.05)A(0)?E(0.0005)'\norgan = [{ name = 'leaf', kind = 'leaf' }]
+rules = '''
+define size(n) = smoothstep(0, 3, time - n)
+A(n) > ?E(q) : q > 0.7 -> F(0.04 * size(n)) ~leaf(0.03 * size(n))
+    [+(40) A(n + 1) ?E(0.0005)] /(137.5) [-(25) A(n + 1) ?E(0.0005)]
+'''";
+
+#[test]
+fn shoots_in_the_shade_rest_and_the_plant_still_contains_its_younger_self() {
+    let at = |maturity: f32| grown(SHADED, &Stature { height: maturity, maturity, ..GROWN });
+    let open = grown(&SHADED.replace("q > 0.7", "q > -1"), &GROWN);
+    let mut before = at(0.05);
+    for step in 2..=20 {
+        let after = at(step as f32 / 20.0);
+        let is_kept = |axis: &crate::skeleton::Axis| after.axes.iter().any(|a| a.id == axis.id);
+        assert!(before.axes.iter().all(is_kept), "an axis is lost at {step}");
+        before = after;
+    }
+    let (shaded, open) = (before.organs.len(), open.organs.len());
+    assert!(shaded > 60 && 3 * shaded < open, "{shaded} of {open}");
 }
 
 fn grown(text: &str, stature: &Stature) -> Skeleton {
@@ -209,6 +285,14 @@ fn mistakes_are_told_at_their_tokens() {
         ["y", "x", " [C"]
     );
     assert_eq!(tokens("axiom = 'A'\ninterpretation = 'A < B -> C'"), ["<"]);
+    assert_eq!(tokens("axiom = 'A ?X(0)'"), ["?"]);
+    assert_eq!(tokens("axiom = 'A ?E'"), ["?E"]);
+    assert_eq!(tokens("axiom = 'A ?P(0, 0, 0, 0)'"), ["?P(0, 0, 0, 0)"]);
+    let functions = "define f(t = t\ndefine g(t) = u\ndefine h(t) = t\nA -> B(h(1, 2))";
+    assert_eq!(
+        tokens(&format!("axiom = 'A'\nrules = \'\'\'\n{functions}\n\'\'\'")),
+        ["(", "u", "h(1, 2)"]
+    );
     assert_eq!(tokens("axiom = 'A'\nstroke = []"), ["[]"]);
     assert!(told("axiom = 'A(lenght)'")[0].1.contains("`lenght` is not known here"));
 }

@@ -14,10 +14,12 @@
 //! | `_(e)` | sets the elasticity, rad |
 //! | `~name(l)` `~name(w, l)` | places an organ of this length, or width and length, m |
 //! | `{` `.` `}` | begins a surface, adds a corner, ends it |
+//! | `?E` `?P` `?H` `?L` `?U` | asks; see [`super::environment`] |
 //!
 //! Signs and turns are those of [Prus90] §1.5; the turtle begins at the origin and looks up.
 //! Other letters mean nothing to it.
 
+use super::grammar::QUESTIONS;
 use super::rewrite::{Module, Word};
 use super::{Lsystem, Styles};
 use crate::Stature;
@@ -84,9 +86,26 @@ struct Turtle<'a> {
     /// Corners of the surfaces that are open.
     surfaces: Vec<Vec<Vec3>>,
     surface_count: usize,
+    questions: Vec<Question>,
 }
 
-/// Draws a string into a skeleton that holds its materials and prototypes.
+/// A module that asks, and where the turtle met it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Question {
+    /// Its module.
+    pub id: u64,
+    /// Its letter.
+    pub letter: char,
+    /// Its first parameter.
+    pub value: f32,
+    /// Where it stands, m.
+    pub position: Vec3,
+    /// The turtle's heading, left and up.
+    pub frame: [Vec3; 3],
+}
+
+/// Draws a string into a skeleton that holds its materials and prototypes, and returns what the
+/// string asks.
 ///
 /// # Errors
 /// More surfaces than a plant may have.
@@ -96,7 +115,7 @@ pub fn draw(
     styles: &Styles,
     stature: &Stature,
     skeleton: &mut Skeleton,
-) -> Result<(), Problem> {
+) -> Result<Vec<Question>, Problem> {
     let state = State {
         position: Vec3::ZERO,
         heading: Vec3::Z,
@@ -111,14 +130,24 @@ pub fn draw(
         branch: axis_id(0, "root", 0),
         axes: 0,
     };
-    let (stack, growing, surfaces) = Default::default();
-    let mut turtle =
-        Turtle { form, styles, state, stack, growing, skeleton, surfaces, surface_count: 0 };
+    let (stack, growing, surfaces, surface_count, questions) = Default::default();
+    let mut turtle = Turtle {
+        form,
+        styles,
+        state,
+        stack,
+        growing,
+        skeleton,
+        surfaces,
+        surface_count,
+        questions,
+    };
     for module in &word.modules {
         turtle.read(module, word.values_of(module))?;
     }
+    let questions = std::mem::take(&mut turtle.questions);
     turtle.finish(stature);
-    Ok(())
+    Ok(questions)
 }
 
 impl Turtle<'_> {
@@ -148,6 +177,13 @@ impl Turtle<'_> {
             '{' => self.surfaces.push(Vec::new()),
             '.' => self.surfaces.last_mut().into_iter().for_each(|s| s.push(self.state.position)),
             '}' => self.surface()?,
+            '?' => self.questions.push(Question {
+                id: module.id,
+                letter: QUESTIONS.get(module.symbol.number as usize).copied().unwrap_or('E'),
+                value: value.unwrap_or(0.0),
+                position: self.state.position,
+                frame: [self.state.heading, self.state.left, self.state.up],
+            }),
             _ => {}
         }
         Ok(())

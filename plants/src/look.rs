@@ -42,6 +42,10 @@ table! {
         /// Day of the year, 1 to 366, by which leaves unfold, turn and fall and fruits ripen;
         /// summer without seasons by default.
         day: Option<f32> = None, in 1.0..=366.0;
+        /// Sizes of a pixel, m, by rising size: plants so far away that a pixel is at least that
+        /// large at their place are shown by coarser models. None by default; `[0.01, 0.04]`
+        /// makes two.
+        levels: Vec<f32> = Vec::new(), in 0.0001..=10.0;
         /// Whether bark and leaves are painted.
         textures: bool = true;
         /// Whether models know how wind moves them.
@@ -55,7 +59,20 @@ table! {
 
 impl Default for Conditions {
     fn default() -> Self {
-        Self { day: None, textures: true, wind: false, leaf_cards: false, twig_cards: false }
+        let levels = Vec::new();
+        Self { day: None, levels, textures: true, wind: false, leaf_cards: false, twig_cards: false }
+    }
+}
+
+impl Conditions {
+    /// Everything wrong with them that ranges could not tell.
+    pub fn check(&self) -> Problems {
+        let rises = self.levels.windows(2).all(|pair| pair[0] < pair[1]);
+        let problem = || {
+            Problem::new(format!("the `levels` of `[plants]` are {:?}", self.levels))
+                .hint("they are sizes of a pixel in metres, each larger than the one before")
+        };
+        (!rises).then(problem).into_iter().collect()
     }
 }
 

@@ -321,6 +321,10 @@ pub struct Plants {
     /// Keep only the detail that is seen when a pixel covers this many metres; 0 keeps all.
     #[arg(long, default_value_t = 0.0, value_name = "METRES")]
     pub pixel: f32,
+    /// For a palette: write coarser models, too, for pixels of these sizes [for a scene: `levels`
+    /// of its `[plants]`].
+    #[arg(long, value_name = "METRES,…", value_delimiter = ',')]
+    pub levels: Vec<f32>,
     /// Leave bark and leaves without textures.
     #[arg(long)]
     pub plain: bool,

@@ -357,6 +357,7 @@ fn plants_alone(arguments: &args::Plants, global: &Global, shown: &Shown) -> Res
 fn conditions_of(arguments: &args::Plants) -> specimen::Conditions {
     specimen::Conditions {
         day: arguments.day,
+        levels: arguments.levels.clone(),
         textures: !arguments.plain,
         wind: arguments.wind,
         leaf_cards: arguments.leaf_cards,

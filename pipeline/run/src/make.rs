@@ -5,12 +5,14 @@
 //! and a run that goes on from files make the same bytes, and each file is known to be enough.
 
 mod ecosim;
+mod levels;
 mod plants;
 mod quantize;
 mod render;
 mod terrain;
 
 pub use ecosim::{EcosimPaths, ecosim};
+pub use levels::{Leveled, Pixels, level};
 pub use plants::{Growing, grow_coarse, grow_one, model_file, plant_file, plants, skeleton_of};
 pub use quantize::{Quantizing, quantize};
 pub use render::{RenderPaths, render, species_names};

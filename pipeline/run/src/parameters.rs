@@ -149,12 +149,18 @@ pub fn parameters(scene: &Scene, stage: Stage, is_draft: bool) -> Json {
         Stage::Plants => {
             json!({ "plants": canonical(&scene.plants), "species": forms(&scene.species) })
         }
-        Stage::Render => json!({
-            "render": canonical(&render_config(scene, is_draft)),
-            "view": canonical(&scene.wanted_view().ok()),
-            "sky": canonical(&scene.sky),
-            "object": canonical(&scene.tables.object),
-        }),
+        Stage::Render => {
+            let mut parameters = json!({
+                "render": canonical(&render_config(scene, is_draft)),
+                "view": canonical(&scene.wanted_view().ok()),
+                "sky": canonical(&scene.sky),
+                "object": canonical(&scene.tables.object),
+            });
+            if !scene.plants.levels.is_empty() {
+                parameters["levels"] = canonical(&scene.plants.levels);
+            }
+            parameters
+        }
     }
 }
 

@@ -1,30 +1,13 @@
-//! Plant models served from a folder, one file a representative.
+//! Plant models served from a folder, one file a representative and level of detail.
 
 use crate::error::{Error, Result};
-use crate::make::plant_file;
+use crate::make::{Leveled, plant_file};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
-use weald_contract::{Instances, Palette, PlantModel, Problem};
+use weald_contract::{Instances, PlantModel, Problem};
 use weald_render::{Object, PrototypeSource};
-
-/// Reads `FOLDER/ID.glb` when the renderer asks for it.
-#[derive(Clone, Copy, Debug)]
-pub struct FolderPrototypes<'a> {
-    /// The folder that `weald plants` wrote.
-    pub folder: &'a Path,
-}
-
-impl PrototypeSource for FolderPrototypes<'_> {
-    fn model(&self, prototype: u32) -> std::result::Result<Arc<PlantModel>, Problem> {
-        let path = self.folder.join(plant_file(prototype));
-        let model = weald_formats::read_plant(&path).map_err(|error| {
-            Problem::new(error.to_string()).hint("`weald plants` makes the models of a palette")
-        })?;
-        Ok(Arc::new(model))
-    }
-}
 
 /// All models that a scene places, read beforehand, so that what they will take can be told.
 pub struct HeldPrototypes {
@@ -32,21 +15,24 @@ pub struct HeldPrototypes {
 }
 
 impl HeldPrototypes {
-    /// Reads the models of the palette that the instances place.
+    /// Reads the models of the palette that the instances place, from `FOLDER/ID.glb` and
+    /// `FOLDER/ID-LEVEL.glb`.
     ///
     /// # Errors
     /// A model is missing or damaged.
-    pub fn read(folder: &Path, palette: &Palette, instances: &Instances) -> Result<Self> {
-        let placed: BTreeSet<u32> = instances.prototype.iter().copied().collect();
-        let ids: Vec<u32> = palette.representatives.iter().map(|plant| plant.id).collect();
-        let source = FolderPrototypes { folder };
-        let models = ids
-            .into_par_iter()
-            .filter(|id| placed.contains(id))
-            .map(|id| Ok((id, source.model(id)?)))
-            .collect::<std::result::Result<_, Problem>>()
-            .map_err(|problem| Error::plain(problem.message, problem.hint.unwrap_or_default()))?;
-        Ok(Self { models })
+    pub fn read(folder: &Path, leveled: &Leveled) -> Result<Self> {
+        let placed: BTreeSet<u32> = leveled.instances.prototype.iter().copied().collect();
+        let ids: Vec<u32> = leveled.palette.representatives.iter().map(|plant| plant.id).collect();
+        let model = |id: u32| {
+            let (plant, level) = leveled.origin(id);
+            let path = folder.join(plant_file(plant, level));
+            let model = weald_formats::read_plant(&path).map_err(|error| {
+                Error::plain(error.to_string(), "`weald plants` makes the models of a palette")
+            })?;
+            Ok((id, Arc::new(model)))
+        };
+        let models = ids.into_par_iter().filter(|id| placed.contains(id)).map(model);
+        Ok(Self { models: models.collect::<Result<_>>()? })
     }
 
     /// Memory that a scene of these models, where they are placed, objects and a terrain of so many

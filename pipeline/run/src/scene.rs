@@ -198,6 +198,7 @@ impl Scene {
             problems.extend(found.form.iter().flat_map(weald_plants::Form::check));
             problems.extend(found.look.check());
         }
+        problems.extend(self.plants.check());
         problems
     }
 

@@ -15,9 +15,17 @@ use weald_formats::Provenance;
 use weald_plants::detail::Detail;
 use weald_plants::{Conditions, Form, Skeleton, Stature, look};
 
-/// File name of a representative's model.
-pub fn plant_file(id: u32) -> String {
-    format!("{id:04}.glb")
+/// File name of a representative's model, the full one or one of its coarser levels from 1 on.
+pub fn plant_file(id: u32, level: u32) -> String {
+    match level {
+        0 => format!("{id:04}.glb"),
+        _ => format!("{id:04}-{level}.glb"),
+    }
+}
+
+/// Whether a species has coarser levels: somebody's model has not.
+pub fn has_levels(found: &SceneSpecies) -> bool {
+    !matches!(found.form, None | Some(Form::Model(_)))
 }
 
 /// Plants: a model for every representative of a palette.
@@ -75,13 +83,19 @@ impl Growing<'_> {
                 let model = self.grow(plant)?;
                 // A model's story is its own: other species of the scene do not change its bytes.
                 let story = plant_provenance(&provenance, plant);
-                weald_formats::write_plant(&folder.join(plant_file(plant.id)), &model, &story)?;
+                let path = folder.join(plant_file(plant.id, 0));
+                weald_formats::write_plant(&path, &model, &story)?;
+                self.write_levels(plant, folder, &story)?;
                 progress.advance(1);
                 Ok((caption(plant), model))
             })
             .collect::<Result<_>>()?;
 
-        let files = representatives.iter().map(|plant| folder.join(plant_file(plant.id))).collect();
+        let files = representatives.iter().flat_map(|plant| {
+            let levels = 0..=self.levels_of(plant).len() as u32;
+            levels.map(|level| folder.join(plant_file(plant.id, level)))
+        });
+        let files = files.collect();
         let unique: u64 = grown.iter().map(|(_, model)| model.unique_triangles()).sum();
         let instanced: u64 = grown.iter().map(|(_, model)| model.instanced_triangles()).sum();
         let report = json!({
@@ -92,6 +106,31 @@ impl Growing<'_> {
         let sheet = preview::contact_sheet(&sheet, SHEET_CELL);
         made.preview(&folder.with_extension("png"), &sheet, &provenance)?;
         Ok(made)
+    }
+
+    /// Sizes of a pixel for which a representative has models besides the full one, m.
+    fn levels_of(&self, plant: &Representative) -> &[f32] {
+        let found = self.species.get(&plant.species).filter(|found| has_levels(found));
+        found.map_or(&[], |_| &self.conditions.levels)
+    }
+
+    /// Writes the coarser models of a representative.
+    fn write_levels(
+        &self,
+        plant: &Representative,
+        folder: &Path,
+        story: &Provenance,
+    ) -> Result<()> {
+        let Self { species, conditions, seed, sources } = *self;
+        for (pixel, level) in self.levels_of(plant).iter().zip(1..) {
+            let detail = Detail::for_pixel(*pixel);
+            let found = &species[&plant.species];
+            let model = grow_coarse(sources, found, plant, conditions, &detail, seed)?;
+            let mut story = story.clone();
+            story.parameters["pixel"] = canonical(pixel);
+            weald_formats::write_plant(&folder.join(plant_file(plant.id, level)), &model, &story)?;
+        }
+        Ok(())
     }
 
     /// Grows one representative.

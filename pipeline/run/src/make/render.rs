@@ -1,7 +1,8 @@
 //! Render: everything to a picture.
 
 use super::{
-    Made, at_field, file_name, make_folder_of, parent, plant_file, stage_error, stage_seed,
+    Made, Pixels, at_field, file_name, level, make_folder_of, parent, plant_file, stage_error,
+    stage_seed,
 };
 use crate::check::bytes_in_words;
 use crate::denoise::Denoiser;
@@ -55,13 +56,18 @@ pub fn render(
     provenance.inputs.extend([parent(&paths.terrain)?, parent(&paths.palette)?]);
     // The instances came with the palette: their story is told once.
     provenance.inputs.push(Parent { provenance: None, ..parent(&paths.instances)? });
-    provenance.inputs.push(plants_parent(&paths.plants, &palette)?);
+    provenance.inputs.push(plants_parent(scene, &paths.plants, &palette)?);
 
     let view = scene.wanted_view()?;
     let config = render_config(scene, is_draft);
     // Before the work, so that none is lost when it is not there.
     let denoiser = config.denoise.then(Denoiser::load).transpose()?;
-    let prototypes = HeldPrototypes::read(&paths.plants, &palette, &instances)?;
+    let pixels = Pixels::new(view, &view.sight(&terrain), config.resolution[0]);
+    let levels = &scene.plants.levels;
+    let leveled = level(&palette, &instances, levels, |name| !has_levels(scene, name), &pixels);
+    let counts = leveled.counts(levels.len());
+    let prototypes = HeldPrototypes::read(&paths.plants, &leveled)?;
+    let (palette, instances) = (leveled.palette, leveled.instances);
     let objects = objects(scene, &terrain)?;
     let (sky_image, clouds) = sky_pictures(scene)?;
     let patches: usize = terrain.detail.iter().map(|patch| patch.frame.len()).sum();
@@ -102,6 +108,9 @@ pub fn render(
     let sketch = Sketch { width: picture.width, height: picture.height, rgb };
     made.preview(&paths.image.with_extension("png"), &sketch, &provenance)?;
     made.report = json!({ "scene": statistics(built.statistics()), "film": film.statistics() });
+    if !levels.is_empty() {
+        made.report["levels"] = json!(counts);
+    }
     Ok(made)
 }
 
@@ -120,12 +129,19 @@ fn statistics(statistics: &weald_render::Statistics) -> Json {
     })
 }
 
+fn has_levels(scene: &Scene, species: &str) -> bool {
+    scene.species.get(species).is_some_and(super::plants::has_levels)
+}
+
 /// All models as one parent: the hash of their hashes.
-fn plants_parent(folder: &Path, palette: &Palette) -> Result<Parent> {
+fn plants_parent(scene: &Scene, folder: &Path, palette: &Palette) -> Result<Parent> {
     let mut hasher = blake3::Hasher::new();
     for plant in &palette.representatives {
-        let path = folder.join(plant_file(plant.id));
-        hasher.update(weald_formats::hash_file(&path)?.as_bytes());
+        let levels = if has_levels(scene, &plant.species) { scene.plants.levels.len() } else { 0 };
+        for level in 0..=levels as u32 {
+            let path = folder.join(plant_file(plant.id, level));
+            hasher.update(weald_formats::hash_file(&path)?.as_bytes());
+        }
     }
     let blake3 = hasher.finalize().to_hex().to_string();
     Ok(Parent { name: file_name(folder), blake3, provenance: None })

@@ -60,7 +60,14 @@ table! {
 impl Default for Conditions {
     fn default() -> Self {
         let levels = Vec::new();
-        Self { day: None, levels, textures: true, wind: false, leaf_cards: false, twig_cards: false }
+        Self {
+            day: None,
+            levels,
+            textures: true,
+            wind: false,
+            leaf_cards: false,
+            twig_cards: false,
+        }
     }
 }
 

@@ -28,7 +28,8 @@ fn ours(axiom: &str, rules: &[String], ignore: &str, steps: u16) -> String {
     let written = |module| {
         let values: Vec<String> =
             Word::values_of(&word, module).iter().map(|v| format!("{v:.4}")).collect();
-        let values = if values.is_empty() { String::new() } else { format!("({})", values.join(", ")) };
+        let values =
+            if values.is_empty() { String::new() } else { format!("({})", values.join(", ")) };
         format!("{}{values}", module.symbol)
     };
     word.modules.iter().map(written).collect::<Vec<_>>().join(" ")
@@ -53,7 +54,10 @@ fn theirs(axiom: &str, rules: &[String], ignore: &str, steps: u16) -> String {
     system.add_directive(&format!("#ignore: + - {}", ignored.join(" "))).unwrap();
     for rule in rules {
         let (head, body) = rule.split_once("->").unwrap();
-        let rule = format!("{head} -> {}", body.chars().fold(String::new(), |out, c| out + &c.to_string()));
+        let rule = format!(
+            "{head} -> {}",
+            body.chars().fold(String::new(), |out, c| out + &c.to_string())
+        );
         let (head, body) = rule.split_once("->").unwrap();
         let (sides, condition) = head.split_once(':').map_or((head, None), |(a, b)| (a, Some(b)));
         let condition = condition.map_or(String::new(), |c| format!(" : {c}"));
@@ -102,7 +106,11 @@ fn the_grammars_of_the_book_give_the_same_strings() {
 
 /// A successor: letters with parameters, turns and branches.
 fn successor(context: bool) -> impl Strategy<Value = String> {
-    let values = if context { vec!["x + 1", "x - 2", "x * 0.5", "y - x", "x + y"] } else { vec!["x + 1", "x - 2", "x * 0.5", "3", "4 - x"] };
+    let values = if context {
+        vec!["x + 1", "x - 2", "x * 0.5", "y - x", "x + y"]
+    } else {
+        vec!["x + 1", "x - 2", "x * 0.5", "3", "4 - x"]
+    };
     let module = (prop::sample::select(vec!["A", "B", "C", "F"]), prop::sample::select(values))
         .prop_map(|(letter, value)| match letter {
             "A" | "B" => format!("{letter}({value})"),
@@ -119,9 +127,16 @@ fn successor(context: bool) -> impl Strategy<Value = String> {
 
 /// Two productions of a letter that never fit together, the first with a left context or none.
 fn productions(letter: &'static str) -> impl Strategy<Value = Vec<String>> {
-    let left = prop::sample::select(vec![("", false), ("C < ", false), ("B(y) < ", true), ("A(y) < ", true)]);
+    let left = prop::sample::select(vec![
+        ("", false),
+        ("C < ", false),
+        ("B(y) < ", true),
+        ("A(y) < ", true),
+    ]);
     (left, -2..3_i32)
-        .prop_flat_map(|((left, lends), at)| (Just(left), Just(at), successor(lends), successor(false)))
+        .prop_flat_map(|((left, lends), at)| {
+            (Just(left), Just(at), successor(lends), successor(false))
+        })
         .prop_map(move |(left, at, first, second)| {
             vec![
                 format!("{left}{letter}(x) : x > {at} -> {first}"),

@@ -508,7 +508,8 @@ impl Reader {
             let number = QUESTIONS.iter().position(|question| Some(*question) == letter);
             let Some(number) = number else {
                 let what = "`?` asks nothing without its letter";
-                let hint = "`?E` (environment), `?P` (position), `?H`, `?L`, `?U` (heading, left, up)";
+                let hint =
+                    "`?E` (environment), `?P` (position), `?H`, `?L`, `?U` (heading, left, up)";
                 return Err(self.problem(at..after, what).hint(hint));
             };
             return Ok((Symbol { mark, number: number as u32 }, after + 1));

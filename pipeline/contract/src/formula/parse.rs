@@ -472,7 +472,11 @@ impl<'a> Parser<'a> {
     }
 
     /// Reads a call of a defined function: its body with the arguments in place of parameters.
-    fn expand(&mut self, definition: &'a Definition, name: Range<usize>) -> Result<Id, FormulaError> {
+    fn expand(
+        &mut self,
+        definition: &'a Definition,
+        name: Range<usize>,
+    ) -> Result<Id, FormulaError> {
         let open = self.advance()?;
         let (values, _) = self.arguments(open)?;
         let span = self.expanded.clone().unwrap_or(name.start..self.last_end);
@@ -495,7 +499,8 @@ impl<'a> Parser<'a> {
             error
         };
         let (token, first) = next_token(&definition.body, 0).map_err(inner)?;
-        let outer = (self.text, self.token, self.span.clone(), self.last_end, self.expanded.clone());
+        let outer =
+            (self.text, self.token, self.span.clone(), self.last_end, self.expanded.clone());
         let parameters = std::mem::replace(&mut self.parameters, names.zip(values).collect());
         (self.text, self.token, self.span, self.last_end) = (&definition.body, token, first, 0);
         self.expanded = Some(span.clone());
@@ -723,13 +728,18 @@ mod tests {
     #[test]
     fn calls_of_defined_functions_count_their_arguments_and_are_bounded() {
         let one = [defined("half", &["v"], "v / 2"), defined("odd", &["v"], "v +")];
-        let fault = |text: &str| parse(text, &one).err().map(|e| (text[e.span].to_owned(), e.message));
+        let fault =
+            |text: &str| parse(text, &one).err().map(|e| (text[e.span].to_owned(), e.message));
         let (at, says) = fault("1 + half(2, 3)").unwrap();
         assert_eq!((at.as_str(), says.contains("takes 1, found 2")), ("half(2, 3)", true));
         let (at, says) = fault("2 * hafl(3)").unwrap();
         assert_eq!((at.as_str(), says.contains("`half`")), ("hafl", true), "{says}");
         let (at, says) = fault("1 + odd(2)").unwrap();
-        assert_eq!((at.as_str(), says.starts_with("in `odd`: expected")), ("odd(2)", true), "{says}");
+        assert_eq!(
+            (at.as_str(), says.starts_with("in `odd`: expected")),
+            ("odd(2)", true),
+            "{says}"
+        );
         let mut chain = vec![defined("f0", &["v"], "v + 1")];
         for i in 1..40 {
             let body = format!("f{0}(v) + f{0}(v + 1)", i - 1);

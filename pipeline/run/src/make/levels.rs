@@ -113,7 +113,11 @@ pub fn level(
             leveled.push(Instance { group, prototype, ..row });
         }
     }
-    Leveled { palette: all_levels(palette, levels.len() as u32, stride), instances: leveled, stride }
+    Leveled {
+        palette: all_levels(palette, levels.len() as u32, stride),
+        instances: leveled,
+        stride,
+    }
 }
 
 /// The palette with every level of each representative and group.
@@ -196,8 +200,7 @@ mod tests {
         // A plant reaches 2 m: its nearest point is that much nearer.
         let scene = [11.9, 12.1, 41.9, 42.1].map(|x| row(0, 1, x, 1.0));
         let made = leveled(&scene);
-        let levels: Vec<_> =
-            made.instances.prototype.iter().map(|&id| made.origin(id)).collect();
+        let levels: Vec<_> = made.instances.prototype.iter().map(|&id| made.origin(id)).collect();
         assert_eq!(levels, [(1, 0), (1, 1), (1, 1), (1, 2)]);
         assert_eq!(made.counts(2), [1, 2, 1]);
         // Twice as large, a plant shows twice the detail and reaches twice as far.
@@ -207,7 +210,12 @@ mod tests {
 
     #[test]
     fn groups_take_their_members_along() {
-        let made = leveled(&[row(0, 4, 5.0, 1.0), row(0, 4, 16.0, 1.0), row(4, 1, 1.0, 1.0), row(4, 3, 2.0, 1.0)]);
+        let made = leveled(&[
+            row(0, 4, 5.0, 1.0),
+            row(0, 4, 16.0, 1.0),
+            row(4, 1, 1.0, 1.0),
+            row(4, 3, 2.0, 1.0),
+        ]);
         let inside = |group: u32| {
             let rows = (0..made.instances.len()).map(|i| made.instances.row(i));
             let of = rows.filter(|row| row.group == group);

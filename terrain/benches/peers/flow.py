@@ -1,16 +1,17 @@
 #!/usr/bin/env python3
-"""Filling and draining an elevation model: weald, TopoToolbox and pyflwdir on one raster.
+"""Filling and draining elevation models: weald, TopoToolbox, pyflwdir and Whitebox Workflows.
 
-Usage: flow.py --venv FOLDER [--weald PROGRAM] [--side CELLS] [--repeat N]
+Usage: flow.py --venv FOLDER [--weald PROGRAM] [--side CELLS] [--repeat N] [MODEL ...]
 
-Installs numpy, rasterio, topotoolbox and pyflwdir (with numba) into FOLDER. The raster is spectral
-noise (power ~ k^-3.5, range 1500 m, 10 m cells), written as a GeoTIFF that weald reads. Times are
-those of the kernels alone, without reading or writing, on one thread; runs are interleaved.
+Installs numpy, rasterio, topotoolbox, pyflwdir (with numba) and whitebox-workflows into FOLDER. Each
+MODEL is a GeoTIFF in metres without holes; without one the raster is spectral noise (power ~ k^-3.5,
+range 1500 m, 10 m cells) of SIDE cells. Times are those of the kernels alone, without reading or
+writing, on one thread; runs are interleaved.
 
-The filled surface is unique, so wherever a peer's heights are heights of the raster it must equal
-ours bit by bit (pyflwdir adds differences to cells and so rounds them). Drained areas depend on how
-level ground is crossed and are only shown. TopoToolbox's accumulation needs its route, which fills
-once more and sorts the cells: the sums that compare are in the second table.
+Ends with 1 unless ours agrees with the peers. The filled surface is unique, so wherever a peer's
+heights are heights of the raster it must equal ours bit by bit (others add differences to cells, or
+slopes to level ground). The steepest way down is unique but for forks and level ground: areas of
+cells whose water passes neither must be those of TopoToolbox.
 """
 
 import argparse
@@ -23,6 +24,9 @@ import sys
 import tempfile
 import time
 import venv
+
+
+CELL = 10.0
 
 
 def enter(folder, packages):
@@ -83,55 +87,74 @@ def noise(side):
     return ((z - z.min()) / np.ptp(z) * 1500).astype("float32")
 
 
-def write_scene(folder, z):
+def write_model(folder, z):
     import rasterio
 
     rows, columns = z.shape
-    transform = rasterio.transform.from_origin(0, rows * 10, 10, 10)
+    transform = rasterio.transform.from_origin(0, rows * CELL, CELL, CELL)
     path = os.path.join(folder, "noise.tif")
     with rasterio.open(path, "w", driver="GTiff", width=columns, height=rows, count=1,
                        dtype="float32", crs="EPSG:32613", transform=transform) as file:
         file.write(z, 1)
-    with open(os.path.join(folder, "scene.toml"), "w") as file:
-        file.write('seed = 1\n[terrain]\nsource = "noise.tif"\n[render]\nview = "in"\n'
-                   '[[view]]\nname = "in"\nstand_at = [9, 9]\nlook_at = [50, 50]\n')
     return path
 
 
-def filled_by_weald(program, folder):
+def layers_of_weald(program, folder, path):
+    """The filled surface and the D8 areas in cells, from `weald terrain`."""
     import rasterio
 
-    weald(program, "terrain", folder, "-o", os.path.join(folder, "out"))
-    with rasterio.open(os.path.join(folder, "out", "filled.tif")) as file:
-        return file.read(1)
+    stack = os.path.join(folder, "stack.toml")
+    with open(stack, "w") as file:
+        file.write(f"[terrain]\nsource = {json.dumps(os.path.abspath(path))}\n")
+    out = os.path.join(folder, "out")
+    weald(program, "terrain", stack, "--layers", "filled,upslope_area", "-o", out)
+    read = lambda name: rasterio.open(os.path.join(out, f"{name}.tif"))
+    with read("filled") as filled, read("upslope_area") as area:
+        cell = area.transform.a * -area.transform.e
+        return filled.read(1), area.read(1) / cell
+
+
+def add(times, work, name, parts):
+    """Adds one run of a peer: the sum of some (wall, CPU) pairs."""
+    total = [sum(part[key] for part in parts) for key in (0, 1)]
+    times.setdefault(work, {}).setdefault(name, []).append(total)
 
 
 def ours(program, path, times):
     report = weald(program, "bench", "--only", "terrain", "--input", path, "--repeat", 1, "--threads", 1)
-    figures = {figure["name"]: figure for figure in report["figures"]}
-    for name in ("fill", "D8 and accumulation"):
-        figure = figures[name]
-        times.setdefault(f"weald {name}", []).append((figure["seconds"], figure["cpu_seconds"]))
-    parts = [figures["fill"], figures["D8 and accumulation"]]
-    whole = tuple(sum(part[key] for part in parts) for key in ("seconds", "cpu_seconds"))
-    times.setdefault("weald, whole", []).append(whole)
-    return figures["D8 and accumulation"]["result"]
+    time = {f["name"]: (f["seconds"], f["cpu_seconds"]) for f in report["figures"]}
+    add(times, "fill", "weald", [time["fill, levels alone"]])
+    add(times, "fill, D8", "weald", [time["fill"], time["D8 and accumulation"]])
+    add(times, "D-infinity", "weald", [time["D-infinity"]])
+    add(times, "multiple flow", "weald", [time["multiple flow"]])
 
 
 def topotoolbox_runs(z, times):
     import topotoolbox
 
     grid = topotoolbox.GridObject()
-    grid.z, grid.cellsize = z, 10.0
+    grid.z, grid.cellsize = z, CELL
     fill, *fill_time = timed(grid.fillsinks)
     flow, *route_time = timed(lambda: topotoolbox.FlowObject(grid))
     area, *area_time = timed(flow.flow_accumulation)
-    times.setdefault("TopoToolbox fill", []).append(fill_time)
-    times.setdefault("TopoToolbox fill, route", []).append(route_time)
-    times.setdefault("TopoToolbox accumulation", []).append(area_time)
-    whole = [a + b for a, b in zip(route_time, area_time)]
-    times.setdefault("TopoToolbox, whole", []).append(whole)
-    return fill.z, float(area.z.max())
+    add(times, "fill", "TopoToolbox", [fill_time])
+    add(times, "fill, D8", "TopoToolbox (fills while it routes)", [route_time, area_time])
+    odd = odd_ways(fill.z)
+    grid.z = odd.astype("float32")
+    return fill.z, area.z, flow.flow_accumulation(weights=grid).z == 0
+
+
+def odd_ways(z):
+    """Cells that more than one neighbour lies steepest below, or none."""
+    import numpy as np
+
+    padded = np.pad(z.astype(float), 1, constant_values=np.inf)
+    rows, columns = z.shape
+    falls = np.array([
+        (z - padded[1 + dy:1 + dy + rows, 1 + dx:1 + dx + columns]) / np.hypot(dx, dy)
+        for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy])
+    steepest = np.sort(falls, axis=0)[::-1]
+    return (steepest[0] <= 0) | (steepest[0] - steepest[1] <= 1e-6 * np.abs(steepest[0]))
 
 
 def pyflwdir_runs(z, times):
@@ -139,58 +162,97 @@ def pyflwdir_runs(z, times):
 
     run = lambda part: pyflwdir.dem.fill_depressions(part, outlets="edge", nodata=-9999.0)
     drain = lambda d8: pyflwdir.from_array(d8, ftype="d8", check_ftype=False).upstream_area()
-    if "pyflwdir, whole" not in times:
+    if "pyflwdir" not in times.get("fill, D8", {}):
         drain(run(z[:64, :64])[1])  # numba compiles on the first call
     (fill, d8), *fill_time = timed(lambda: run(z))
-    area, *area_time = timed(lambda: drain(d8))
-    times.setdefault("pyflwdir fill, route", []).append(fill_time)
-    times.setdefault("pyflwdir accumulation", []).append(area_time)
-    times.setdefault("pyflwdir, whole", []).append([a + b for a, b in zip(fill_time, area_time)])
-    return fill, float(area.max())
+    _, *area_time = timed(lambda: drain(d8))
+    add(times, "fill, D8", "pyflwdir", [fill_time, area_time])
+    return fill, None, None
 
 
-def compare(arguments, folder):
+def whitebox_runs(z, times):
     import numpy as np
+    import whitebox_workflows
 
-    z = noise(arguments.side)
-    path = write_scene(folder, z)
-    peers = {"TopoToolbox": ("topotoolbox", topotoolbox_runs), "pyflwdir": ("pyflwdir", pyflwdir_runs)}
-    times, found, largest = {}, {}, 0.0
+    environment = whitebox_workflows.WbEnvironment()
+    environment.verbose, environment.max_procs = False, 1
+    hydrology = environment.hydrology
+    hollows, routing = hydrology.depressions_storage, hydrology.flow_routing
+    grid = whitebox_workflows.Raster.from_numpy(z.astype("float32"), WHITEBOX["model"])
+    fill, *fill_time = timed(
+        lambda: hollows.fill_depressions_wang_and_liu(dem=grid, fix_flats=False))
+    # Its ways of flow want level ground to fall.
+    routed, *route_time = timed(lambda: hollows.fill_depressions(dem=grid))
+    add(times, "fill", "Whitebox (Wang and Liu)", [fill_time])
+    for work, run in (("fill, D8", lambda dem: routing.d8_flow_accum(input=dem)),
+                      ("D-infinity", lambda dem: routing.dinf_flow_accum(input=dem)),
+                      ("multiple flow", lambda dem: routing.fd8_flow_accum(dem=dem))):
+        _, *time = timed(lambda: run(routed))
+        add(times, work, "Whitebox", [route_time, time] if work == "fill, D8" else [time])
+    return np.asarray(fill.to_numpy(), dtype="float32"), None, None
+
+
+# Whitebox takes the georeference of an array from a raster that it read.
+WHITEBOX = {}
+
+
+def compare(arguments, folder, path):
+    import numpy as np
+    import rasterio
+
+    with rasterio.open(path) as file:
+        z = file.read(1).astype("float32")
+    runs = {"topotoolbox": topotoolbox_runs, "pyflwdir": pyflwdir_runs,
+            "whitebox_workflows": whitebox_runs}
+    if present("whitebox_workflows"):
+        import whitebox_workflows
+        WHITEBOX["model"] = whitebox_workflows.WbEnvironment().read_raster(os.path.abspath(path))
+    times, found = {}, {}
     for _ in range(arguments.repeat):
-        largest = ours(arguments.weald, path, times)
-        for name, (module, run) in peers.items():
+        ours(arguments.weald, path, times)
+        for module, run in runs.items():
             if present(module):
-                found[name] = run(z, times)
-    print(f"{arguments.side} x {arguments.side} cells, medians of {arguments.repeat}, one thread")
-    show({name: runs for name, runs in times.items() if "whole" not in name}, "weald fill")
-    show({name: runs for name, runs in times.items() if "whole" in name}, "weald, whole")
-    filled = filled_by_weald(arguments.weald, folder)
+                found[module] = run(z, times)
+    rows, columns = z.shape
+    print(f"\n{path}: {columns} x {rows} cells, medians of {arguments.repeat}, one thread")
+    for work, runs in times.items():
+        print(f"\n{work}")
+        show(runs, "weald")
+    filled, area = layers_of_weald(arguments.weald, folder, path)
     # Water spills at the height of some cell, so an exact filling has no other heights.
     is_exact = lambda fill: bool(np.isin(fill, z).all())
     agrees = is_exact(filled)
     print(f"heights that ours fills to are heights of the raster: {agrees}")
-    for name, (fill, area) in found.items():
+    for name, (fill, peers_area, is_plain) in found.items():
         apart = np.abs(fill - filled)
         print(f"filled by {name}: {np.count_nonzero(apart)} of {fill.size} cells differ, by at most "
-              f"{apart.max():.2g} m; heights are the raster's: {is_exact(fill)}; "
-              f"largest drained area {area:.0f}, ours {largest:.0f}")
+              f"{apart.max():.2g} m; heights are the raster's: {is_exact(fill)}")
         agrees &= not is_exact(fill) or apart.max() == 0
+        if peers_area is not None:
+            equal = np.round(area) == np.round(peers_area)
+            print(f"areas of {name}: equal in {equal.mean():.1%} of all cells, and in "
+                  f"{np.count_nonzero(equal & is_plain)} of the {np.count_nonzero(is_plain)} whose "
+                  "water passes no level ground and no fork")
+            agrees &= bool(equal[is_plain].all())
     return agrees
 
 
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser.add_argument("models", nargs="*", metavar="MODEL")
     parser.add_argument("--venv", required=True, help="folder of the virtual environment")
     parser.add_argument("--weald", default="target/release/weald")
-    parser.add_argument("--side", type=int, default=1024, help="cells along a side")
+    parser.add_argument("--side", type=int, default=1024, help="cells along a side of the noise")
     parser.add_argument("--repeat", type=int, default=3)
     arguments = parser.parse_args()
-    enter(arguments.venv, {"numpy": "numpy", "rasterio": "rasterio",
-                           "topotoolbox": "topotoolbox", "pyflwdir": "pyflwdir"})
+    enter(arguments.venv, {"numpy": "numpy", "rasterio": "rasterio", "topotoolbox": "topotoolbox",
+                           "pyflwdir": "pyflwdir", "whitebox-workflows": "whitebox_workflows"})
     if not (present("numpy") and present("rasterio")):
-        sys.exit("numpy and rasterio are needed to make the raster")
+        sys.exit("numpy and rasterio are needed to make and read rasters")
     with tempfile.TemporaryDirectory() as folder:
-        sys.exit(0 if compare(arguments, folder) else 1)
+        models = arguments.models or [write_model(folder, noise(arguments.side))]
+        agree = [compare(arguments, folder, path) for path in models]
+    sys.exit(0 if all(agree) else 1)
 
 
 if __name__ == "__main__":

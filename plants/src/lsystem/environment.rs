@@ -10,7 +10,7 @@
 //! Lengths are those of the drawing, before it is scaled to the height asked for. Light follows
 //! Beer's law through voxels that hold the leaf area of all modules that ask: along a ray
 //! `exp(-G Σ a / d²)` for voxels of side `d` [Monsi53], with `G` = 1/2, which is exact for leaves
-//! that face all ways. Rays go to [`SKY`], and a ray counts as much as a level surface receives
+//! that face all ways. Rays go to `SKY`, and a ray counts as much as a level surface receives
 //! from its part of an evenly bright sky.
 
 use super::turtle::Question;

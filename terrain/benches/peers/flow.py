@@ -145,7 +145,11 @@ def topotoolbox_runs(z, times):
 
 
 def odd_ways(z):
-    """Cells that more than one neighbour lies steepest below, or none."""
+    """Cells that more than one neighbour lies steepest below, or none, and all around them.
+
+    Level ground has no steepest way, and each program leads water over it in its own, so that any
+    of its neighbours may receive it.
+    """
     import numpy as np
 
     padded = np.pad(z.astype(float), 1, constant_values=np.inf)
@@ -154,7 +158,10 @@ def odd_ways(z):
         (z - padded[1 + dy:1 + dy + rows, 1 + dx:1 + dx + columns]) / np.hypot(dx, dy)
         for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dx or dy])
     steepest = np.sort(falls, axis=0)[::-1]
-    return (steepest[0] <= 0) | (steepest[0] - steepest[1] <= 1e-6 * np.abs(steepest[0]))
+    odd = (steepest[0] <= 0) | (steepest[0] - steepest[1] <= 1e-6 * np.abs(steepest[0]))
+    around = np.pad(odd, 1)
+    return np.any([around[dy:dy + rows, dx:dx + columns]
+                   for dy in range(3) for dx in range(3)], axis=0)
 
 
 def pyflwdir_runs(z, times):

@@ -45,6 +45,7 @@ mod program;
 use std::fmt;
 use std::ops::Range;
 
+pub use parse::is_function;
 use program::Program;
 
 /// What a formula reads: one number for each value that it computes.
@@ -63,7 +64,7 @@ pub enum Variable {
 /// A function that a formula may call besides those of the language.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Definition {
-    /// What it is called by; a name that the language has already is never found.
+    /// What it is called by; one of which [`is_function`] is true would never be found.
     pub name: String,
     /// Names of its parameters.
     pub parameters: Vec<String>,

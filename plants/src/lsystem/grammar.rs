@@ -6,7 +6,7 @@
 //! `#` begins a comment.
 
 use std::ops::Range;
-use weald_contract::formula::{Definition, Formula, Variable};
+use weald_contract::formula::{Definition, Formula, Variable, is_function};
 use weald_contract::{Problem, Problems, Span, Written};
 
 /// The signs that the turtle knows, besides letters, `F` and `f` among them, and `~`.
@@ -290,7 +290,8 @@ impl Reader {
         let name = self.trimmed(head.start..open);
         let word = &self.text[name.clone()];
         let mut known = names.globals.iter().chain(names.functions.iter().map(|f| &f.name));
-        if !is_name(word) || known.any(|known| known == word) || word == CHANCE {
+        let is_taken = known.any(|known| known == word) || word == CHANCE || is_function(word);
+        if !is_name(word) || is_taken {
             let what = format!("`{word}` cannot be defined");
             return Err(self.problem(name, what).hint("a new name is needed, a letter first"));
         }

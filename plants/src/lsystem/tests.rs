@@ -293,6 +293,8 @@ fn mistakes_are_told_at_their_tokens() {
         tokens(&format!("axiom = 'A'\nrules = \'\'\'\n{functions}\n\'\'\'")),
         ["(", "u", "h(1, 2)"]
     );
+    let taken = "define sqrt(x) = x\ndefine exp = 3\nA -> B";
+    assert_eq!(tokens(&format!("axiom = 'A'\nrules = '''\n{taken}\n'''")), ["sqrt", "exp"]);
     assert_eq!(tokens("axiom = 'A'\nstroke = []"), ["[]"]);
     assert!(told("axiom = 'A(lenght)'")[0].1.contains("`lenght` is not known here"));
 }

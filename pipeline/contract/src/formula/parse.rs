@@ -223,6 +223,11 @@ const FUNCTIONS: [Function; 22] = [
     function("tan", "tan(radians)", (1, 1), Meaning::Unary(Unary::Tan)),
 ];
 
+/// Whether the language has a function of this name.
+pub fn is_function(name: &str) -> bool {
+    FUNCTIONS.iter().any(|function| function.name == name)
+}
+
 /// Functions of other languages, and what to write here.
 const FOREIGN_FUNCTIONS: [(&str, &str); 5] = [
     ("log", "write `ln` (natural) or `log10`"),

@@ -141,8 +141,27 @@ pub(crate) fn shape_part(
 
 /// Whether an operator's effect at a place depends on ground however far away.
 fn needs_whole(op: &Tagged<LayerCommon, Operator>) -> bool {
-    use Operator::{Breach, Erode, Road, Stream, Thermal};
-    let is_whole = matches!(op.variant, Stream(_) | Road(_) | Erode(_) | Thermal(_) | Breach(_));
+    // Each is named, so that a new operator must say which it is.
+    let is_whole = match op.variant {
+        Operator::Stream(_)
+        | Operator::Road(_)
+        | Operator::Erode(_)
+        | Operator::Thermal(_)
+        | Operator::Breach(_) => true,
+        Operator::Noise(_)
+        | Operator::Lake(_)
+        | Operator::Smooth(_)
+        | Operator::Terrace(_)
+        | Operator::Flatten(_)
+        | Operator::Offset(_)
+        | Operator::Scale(_)
+        | Operator::Clamp(_)
+        | Operator::Translate(_)
+        | Operator::Curve(_)
+        | Operator::Hill(_)
+        | Operator::Crater(_)
+        | Operator::Layer(_) => false,
+    };
     is_whole || op.common.mask.reads_flow()
 }
 

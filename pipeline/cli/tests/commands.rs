@@ -323,3 +323,26 @@ fn help_teaches() {
     insta::assert_snapshot!("help", tiny.done("--help").out);
     insta::assert_snapshot!("help_run", tiny.done("run --help").out);
 }
+
+#[test]
+fn a_house_of_either_format_stands_on_ground_that_is_level_under_it() {
+    let tiny = Tiny::new();
+    let house = "v -3 0 -2\nv 3 0 -2\nv 3 4 2\nv -3 4 2\nf 1 2 3 4\n";
+    tiny.write("scene/inputs/house.obj", house);
+    tiny.done("plants oak --age 30 -o scene/inputs/oak.glb");
+    tiny.done("terrain scene -o plain");
+    let scene = tiny.read("scene/scene.toml");
+    for model in ["house.obj", "oak.glb"] {
+        let place = format!("model = \"inputs/{model}\"\nat = [20, 12]\n");
+        let mask = format!("mask.footprint.{}", place.replace('\n', "\nmask.footprint."));
+        let mask = mask.trim_end_matches("mask.footprint.");
+        let level = format!("[[terrain.op]]\nop = \"flatten\"\naltitude = 14\n{mask}");
+        let object = format!("[[object]]\n{place}");
+        let ops = scene.replacen("[[terrain.op]]", &format!("{level}\n[[terrain.op]]"), 1);
+        tiny.write("scene/scene.toml", &format!("{ops}\n{object}"));
+        tiny.done("check scene");
+        tiny.done("terrain scene -o level");
+        let answer = tiny.weald("compare plain/altitude.tif level/altitude.tif");
+        assert_eq!(answer.code, 1, "{}", answer.out);
+    }
+}

@@ -93,7 +93,7 @@ fn refuse_unreadable(scene: &Scene) -> Result<()> {
         let read = match input.kind {
             InputKind::Image => weald_formats::read_image(path).map(drop),
             InputKind::Light => weald_formats::read_picture(path).map(drop),
-            InputKind::Model => weald_formats::read_plant(path).map(drop),
+            InputKind::Model => weald_formats::read_model(path).map(drop),
             // Elevation is read for its size, tables for their species.
             _ => Ok(()),
         };

@@ -124,7 +124,7 @@ fn images(scene: &Scene, inputs: &[SceneInput]) -> Result<BTreeMap<String, Image
     for SceneInput { input, path } in inputs {
         let image = match input.kind {
             InputKind::Image => weald_formats::read_image(path),
-            InputKind::Model => weald_formats::read_plant(path).map(|model| footprint::of(&model)),
+            InputKind::Model => weald_formats::read_model(path).map(|model| footprint::of(&model)),
             _ => continue,
         };
         images.insert(input.path.value.clone(), image.map_err(at_field(scene, input))?);

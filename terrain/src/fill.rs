@@ -3,23 +3,24 @@
 //! Every cell is raised to the lowest level at which water could leave it, the minimax over all
 //! paths to the rim: a unique surface that any correct method gives bit for bit.
 //!
-//! The grid is cut into tiles that fit in a processor's own cache, and each is flooded from its own
-//! rim, so that cost does not grow with the size of the grid and threads share the tiles. What a
-//! tile cannot know is how high water stands beyond its rim. Therefore every cell is labelled with
-//! the watershed of the rim that it drains to, and where two watersheds touch, in a tile or between
-//! two, the lowest pass is kept. The graph of watersheds and passes is small; flooded from outside
-//! it gives the level of each watershed, below which none of its cells can stand [Barnes16].
+//! A cell holds no more water than the lowest cell that it leads down to, or than its own altitude
+//! if that is higher. So it is enough to know how high water stands in each catchment of such a
+//! lowest cell, and that is decided by the ways over which catchments meet: each is joined to the
+//! one behind its lowest way out, below which it cannot stand, again and again [Nesetril01]. All
+//! loops are over cells, ways or catchments in their order; nothing waits in a queue.
 //!
-//! Within a tile this is a priority flood [Barnes14] that, as in [Zhou16], sends rising slopes past
-//! the queue: only a cell with something lower behind it can matter to the order. The queue is of
-//! buckets over altitude with a small heap in the bucket at work, since floods only ever move on to
-//! higher water.
+//! The grid is cut into tiles that fit in a processor's own cache, so that cost does not grow with
+//! the size of the grid and threads share the tiles. What a tile cannot know is the lowest way out of
+//! a catchment on its rim; what is joined to one is that rim's watershed. Where two watersheds
+//! touch, in a tile or between two, the lowest pass is kept. The graph of watersheds and passes is
+//! small; flooded from outside it gives the level of each watershed, below which none of its cells
+//! can stand [Barnes16].
 
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
 
-/// Cells along a tile's side: levels, labels and queue of a tile take half a megabyte.
+/// Cells along a tile's side: altitudes, steps and labels of a tile take 650 kB.
 const SIDE: usize = 256;
 
 /// The lowest level at which water can leave each cell over eight neighbours and an open rim.
@@ -36,7 +37,7 @@ fn levels_in_tiles(width: usize, height: usize, altitude: &[f32], side: usize) -
         return Vec::new();
     }
     let mut level = vec![0.0f32; altitude.len()];
-    let mut label = vec![DRY; altitude.len()];
+    let mut label = vec![NONE; altitude.len()];
     let band = width * side;
     let bands = altitude.par_chunks(band).zip(level.par_chunks_mut(band));
     let bands = bands.zip(label.par_chunks_mut(band));
@@ -92,30 +93,34 @@ struct Flooded {
     passes: Vec<((u16, u16), f32)>,
 }
 
-/// Label of a cell that the flood has not reached.
-const DRY: u16 = 0;
-/// Label of a cell on the tile's rim that no other has reached, until its turn comes.
-const RIM: u16 = u16::MAX - 1;
-/// Label of the border around a tile, which is not part of it.
-const BORDER: u16 = u16::MAX;
+/// Label of what is around a tile, and of cells that have none yet.
+const NONE: u16 = 0;
 
-/// A tile while its water rises. Arrays have a border of one cell, so that the inner loops need no
-/// test for the rim.
+/// The lowest ground between two catchments, or a way between two cells of them.
+#[derive(Clone, Copy)]
+struct Pass {
+    between: [u16; 2],
+    level: f32,
+}
+
+/// A tile while its cells are joined. Arrays of cells have a border of one cell, so that the inner
+/// loops need no test for the rim.
 #[derive(Default)]
 struct Tile {
     width: usize,
     height: usize,
-    /// Altitude of dry cells, level of flooded ones.
-    level: Vec<f32>,
-    /// Watershed, counted from 1, or one of the three constants above.
+    /// Altitude, infinite on the border.
+    altitude: Vec<f32>,
+    /// Step to the lowest cell among a cell and its neighbours, the first of equals.
+    downhill: Vec<i32>,
+    /// Catchment of each cell, counted from 1.
     label: Vec<u16>,
+    /// Cells on the way to a catchment's floor.
+    path: Vec<usize>,
+    ways: Vec<Pass>,
+    catchments: Catchments,
     watersheds: u16,
     passes: Passes,
-    queue: Buckets,
-    /// Cells at or below the current level whose neighbours wait.
-    pool: Vec<u32>,
-    /// Rising cells whose neighbours wait.
-    slope: Vec<u32>,
 }
 
 impl Tile {
@@ -127,30 +132,28 @@ impl Tile {
         (self.width, self.height) = (columns.len(), altitude.len() / width);
         let stride = self.stride();
         let len = stride * (self.height + 2);
-        self.level.clear();
-        self.level.resize(len, 0.0);
+        self.altitude.clear();
+        self.altitude.resize(len, f32::INFINITY);
         self.label.clear();
-        self.label.resize(len, BORDER);
-        self.watersheds = 0;
-        let (mut low, mut high) = (f32::INFINITY, f32::NEG_INFINITY);
+        self.label.resize(len, NONE);
+        self.downhill.resize(len, 0);
         for (row, line) in altitude.chunks_exact(width).enumerate() {
-            let line = &line[columns.clone()];
             let start = (row + 1) * stride + 1;
-            self.level[start..][..line.len()].copy_from_slice(line);
-            self.label[start..][..line.len()].fill(DRY);
-            for z in line {
-                (low, high) = (low.min(*z), high.max(*z));
-            }
+            self.altitude[start..][..self.width].copy_from_slice(&line[columns.clone()]);
         }
-        self.queue.start(low, high, self.width * self.height);
-        for row in 1..=self.height {
-            let is_end = row == 1 || row == self.height;
-            let step = if is_end { 1 } else { (self.width - 1).max(1) };
-            for column in (1..=self.width).step_by(step) {
-                let cell = row * stride + column;
-                self.label[cell] = RIM;
-                self.queue.push(self.level[cell], cell as u32);
-            }
+    }
+
+    fn flood(&mut self) {
+        self.find_downhill();
+        let count = self.label_catchments();
+        self.find_ways();
+        self.catchments.start(count);
+        self.open_rim();
+        self.catchments.join(&mut self.ways);
+        self.watersheds = self.catchments.number();
+        for way in &self.ways {
+            let [a, b] = way.between.map(|side| self.catchments.watershed[side as usize]);
+            self.passes.add(a, b, way.level);
         }
     }
 
@@ -162,101 +165,215 @@ impl Tile {
         label: &mut [u16],
     ) {
         let rows = level.chunks_exact_mut(width).zip(label.chunks_exact_mut(width));
+        let Catchments { floor, watershed, .. } = &self.catchments;
         for (row, (level, label)) in rows.enumerate() {
             let start = (row + 1) * self.stride() + 1;
-            level[columns.clone()].copy_from_slice(&self.level[start..][..self.width]);
-            label[columns.clone()].copy_from_slice(&self.label[start..][..self.width]);
-        }
-    }
-
-    fn flood(&mut self) {
-        while let Some(cell) = self.queue.pop() {
-            let cell = cell as usize;
-            if self.label[cell] == RIM {
-                self.watersheds += 1;
-                self.label[cell] = self.watersheds;
+            let cells = level[columns.clone()].iter_mut().zip(&mut label[columns.clone()]);
+            let found = self.altitude[start..].iter().zip(&self.label[start..]);
+            for ((level, label), (altitude, catchment)) in cells.zip(found) {
+                *level = altitude.max(floor[*catchment as usize]);
+                *label = watershed[*catchment as usize];
             }
-            self.spread(cell);
         }
     }
 
-    fn steps(&self) -> [isize; 8] {
-        let stride = self.stride() as isize;
-        [1, stride + 1, stride, stride - 1, -1, -stride - 1, -stride, 1 - stride]
+    /// A plain loop over rows, which compiles to vector instructions.
+    fn find_downhill(&mut self) {
+        let (stride, width) = (self.stride(), self.width);
+        let far = stride as i32;
+        for row in 1..=self.height {
+            let line = |row: usize, column: usize| &self.altitude[row * stride + column..][..width];
+            let [north_west, north, north_east] = [0, 1, 2].map(|column| line(row - 1, column));
+            let [west, here, east] = [0, 1, 2].map(|column| line(row, column));
+            let [south_west, south, south_east] = [0, 1, 2].map(|column| line(row + 1, column));
+            let downhill = &mut self.downhill[row * stride + 1..][..width];
+            for i in 0..width {
+                let mut lowest = (north_west[i], -far - 1);
+                let mut look = |altitude: f32, step: i32| {
+                    let is_lower = altitude < lowest.0;
+                    lowest.0 = if is_lower { altitude } else { lowest.0 };
+                    lowest.1 = if is_lower { step } else { lowest.1 };
+                };
+                look(north[i], -far);
+                look(north_east[i], 1 - far);
+                look(west[i], -1);
+                look(here[i], 0);
+                look(east[i], 1);
+                look(south_west[i], far - 1);
+                look(south[i], far);
+                look(south_east[i], far + 1);
+                downhill[i] = lowest.1;
+            }
+        }
     }
 
-    /// Floods everything that is reached from `start` without rising above its level, and all
-    /// slopes that rise from there.
-    fn spread(&mut self, start: usize) {
-        let (level, label, steps) = (self.level[start], self.label[start], self.steps());
-        let mut cell = start;
-        loop {
-            for step in steps {
-                let next = cell.wrapping_add_signed(step);
-                let beside = self.label[next];
-                if beside != DRY {
-                    if beside != label {
-                        self.meet(label, level, next);
+    /// Labels every cell with the lowest cell that it leads down to; returns their number.
+    ///
+    /// No two of those touch, so that fewer than 2¹⁶ of them fit in a tile of 2¹⁸ cells.
+    fn label_catchments(&mut self) -> usize {
+        let mut count = NONE;
+        for row in 1..=self.height {
+            let start = row * self.stride() + 1;
+            for first in start..start + self.width {
+                let mut cell = first;
+                while self.label[cell] == NONE {
+                    self.path.push(cell);
+                    let step = self.downhill[cell];
+                    if step == 0 {
+                        count += 1;
+                        self.label[cell] = count;
                     }
+                    cell = cell.wrapping_add_signed(step as isize);
+                }
+                let label = self.label[cell];
+                self.path.drain(..).for_each(|cell| self.label[cell] = label);
+            }
+        }
+        count.into()
+    }
+
+    /// All ways from a cell to the next that lead from one catchment into another.
+    fn find_ways(&mut self) {
+        self.ways.clear();
+        let stride = self.stride();
+        for row in 1..=self.height {
+            let start = row * stride + 1;
+            for cell in start..start + self.width {
+                let here = self.label[cell];
+                let onward = [cell + 1, cell + stride - 1, cell + stride, cell + stride + 1];
+                let labels = onward.map(|next| self.label[next]);
+                if labels == [here; 4] {
                     continue;
                 }
-                self.label[next] = label;
-                if self.level[next] <= level {
-                    self.level[next] = level;
-                    self.pool.push(next as u32);
-                } else {
-                    self.climb(next, label, steps);
-                }
-            }
-            match self.pool.pop() {
-                Some(next) => cell = next as usize,
-                None => return,
-            }
-        }
-    }
-
-    /// Takes whatever rises from a cell: a path that only rises keeps every altitude as it is.
-    /// Cells with dry ground behind that does not rise wait in the queue for their turn.
-    #[inline]
-    fn climb(&mut self, start: usize, label: u16, steps: [isize; 8]) {
-        let mut cell = start;
-        loop {
-            let altitude = self.level[cell];
-            let mut may_spill = false;
-            for step in steps {
-                let next = cell.wrapping_add_signed(step);
-                let beside = self.label[next];
-                if beside != DRY {
-                    if beside != label {
-                        self.meet(label, altitude, next);
+                for (next, label) in onward.into_iter().zip(labels) {
+                    if label != here && label != NONE {
+                        let level = self.altitude[cell].max(self.altitude[next]);
+                        self.ways.push(Pass { between: [here, label], level });
                     }
-                } else if self.level[next] > altitude {
-                    self.label[next] = label;
-                    self.slope.push(next as u32);
-                } else {
-                    may_spill = true;
                 }
-            }
-            if may_spill {
-                self.queue.push(altitude, cell as u32);
-            }
-            match self.slope.pop() {
-                Some(next) => cell = next as usize,
-                None => return,
             }
         }
     }
 
-    /// A watershed at `level` meets a cell that has another label: a pass, or a cell of the rim that
-    /// joins the watershed because it drains to it. That cell is in the queue already.
-    #[inline]
-    fn meet(&mut self, label: u16, level: f32, cell: usize) {
-        match self.label[cell] {
-            BORDER => {}
-            RIM if self.level[cell] < level => {}
-            RIM => self.label[cell] = label,
-            other => self.passes.add(label, other, level.max(self.level[cell])),
+    /// Nobody in the tile knows the lowest way out of a catchment on its rim.
+    fn open_rim(&mut self) {
+        for row in 1..=self.height {
+            let is_end = row == 1 || row == self.height;
+            let step = if is_end { 1 } else { (self.width - 1).max(1) };
+            for column in (1..=self.width).step_by(step) {
+                let label = self.label[row * self.stride() + column];
+                self.catchments.open(label);
+            }
         }
+    }
+}
+
+/// The catchments of a tile while they are joined, by label; none has label 0.
+#[derive(Default)]
+struct Catchments {
+    /// What a catchment was joined to; itself while it is alone or others were joined to it.
+    root: Vec<u16>,
+    /// The level of the way by which it was joined: water stands no lower in it.
+    floor: Vec<f32>,
+    /// Level and number of its lowest way out; catchments that touch the rim have none.
+    lowest: Vec<(f32, u32)>,
+    /// Watershed of the rim that it drains to, counted from 1.
+    watershed: Vec<u16>,
+    /// Those that do not touch the rim and are not joined to others yet.
+    closed: Vec<u16>,
+    /// Those that were joined, first to last.
+    joined: Vec<u16>,
+}
+
+/// The lowest way out of what touches the rim: no way is lower.
+const OPEN: (f32, u32) = (f32::NEG_INFINITY, u32::MAX);
+
+impl Catchments {
+    fn start(&mut self, count: usize) {
+        self.root.clear();
+        self.root.extend(0..=count as u16);
+        self.floor.clear();
+        self.floor.resize(count + 1, f32::NEG_INFINITY);
+        self.lowest.clear();
+        self.lowest.resize(count + 1, (f32::INFINITY, u32::MAX));
+    }
+
+    fn open(&mut self, label: u16) {
+        self.lowest[label as usize] = OPEN;
+    }
+
+    fn is_open(&self, label: u16) -> bool {
+        self.lowest[label as usize].0 == OPEN.0
+    }
+
+    /// Joins each catchment to the one behind its lowest way out, until all have joined one on the
+    /// rim; what is left of the ways lies between those.
+    ///
+    /// Ways of one level follow their order in the list, so that two catchments may choose the same
+    /// way, but never three a circle of ways.
+    fn join(&mut self, ways: &mut Vec<Pass>) {
+        self.joined.clear();
+        self.closed.clear();
+        let labels = 1..self.root.len() as u16;
+        self.closed.extend(labels.filter(|label| self.lowest[*label as usize].0 != OPEN.0));
+        while !self.closed.is_empty() {
+            for (number, way) in ways.iter().enumerate() {
+                for side in way.between {
+                    let lowest = &mut self.lowest[side as usize];
+                    if way.level < lowest.0 {
+                        *lowest = (way.level, number as u32);
+                    }
+                }
+            }
+            let before = self.joined.len();
+            for &label in &self.closed {
+                let (level, number) = self.lowest[label as usize];
+                let [a, b] = ways[number as usize].between;
+                let behind = if a == label { b } else { a };
+                let is_mutual = !self.is_open(behind) && self.lowest[behind as usize].1 == number;
+                if !(is_mutual && label < behind) {
+                    self.root[label as usize] = behind;
+                    self.floor[label as usize] = level;
+                    self.joined.push(label);
+                }
+            }
+            for &label in &self.joined[before..] {
+                let mut root = self.root[label as usize];
+                while self.root[root as usize] != root {
+                    root = self.root[root as usize];
+                }
+                // Ways get no higher towards the root: the first one is the floor of all.
+                self.root[label as usize] = root;
+            }
+            ways.retain_mut(|way| {
+                way.between = way.between.map(|side| self.root[side as usize]);
+                way.between[0] != way.between[1]
+            });
+            self.closed.retain(|label| self.root[*label as usize] == *label);
+            for &label in &self.closed {
+                self.lowest[label as usize] = (f32::INFINITY, u32::MAX);
+            }
+        }
+    }
+
+    /// Numbers the watersheds and tells all that was joined; returns their number.
+    fn number(&mut self) -> u16 {
+        let mut count = NONE;
+        self.watershed.clear();
+        self.watershed.resize(self.root.len(), NONE);
+        for label in 1..self.root.len() {
+            if self.root[label] == label as u16 {
+                count += 1;
+                self.watershed[label] = count;
+            }
+        }
+        for &label in self.joined.iter().rev() {
+            let root = self.root[label as usize] as usize;
+            let floor = self.floor[root];
+            self.watershed[label as usize] = self.watershed[root];
+            self.floor[label as usize] = self.floor[label as usize].max(floor);
+        }
+        count
     }
 }
 
@@ -410,66 +527,6 @@ fn flood_watersheds(count: usize, passes: &[(u32, u32, f32)]) -> Vec<f32> {
         }
     }
     stands
-}
-
-/// A queue of cells by altitude, lowest first, for altitudes that never fall behind the last one
-/// taken.
-#[derive(Default)]
-struct Buckets {
-    low: f32,
-    per_meter: f32,
-    /// First entry of each bucket's list, or [`END`].
-    heads: Vec<u32>,
-    /// Altitude and cell as one key, and the next entry.
-    entries: Vec<(u64, u32)>,
-    current: usize,
-    /// Entries of the current bucket by exact altitude, then cell.
-    heap: BinaryHeap<Reverse<u64>>,
-}
-
-const END: u32 = u32::MAX;
-
-/// Cells for which one bucket is made: few enough that hardly any bucket needs its heap.
-const CELLS_PER_BUCKET: usize = 16;
-
-impl Buckets {
-    fn start(&mut self, low: f32, high: f32, cells: usize) {
-        let count = (cells / CELLS_PER_BUCKET).max(1);
-        let per_meter = (count - 1) as f32 / (high - low);
-        self.low = low;
-        self.per_meter = if per_meter.is_finite() { per_meter } else { 0.0 };
-        self.heads.clear();
-        self.heads.resize(count, END);
-        self.entries.clear();
-        self.heap.clear();
-        self.current = 0;
-    }
-
-    #[inline]
-    fn push(&mut self, altitude: f32, cell: u32) {
-        let bucket = ((altitude - self.low) * self.per_meter) as usize;
-        let bucket = bucket.min(self.heads.len() - 1);
-        let key = key(altitude, cell);
-        if bucket <= self.current {
-            self.heap.push(Reverse(key));
-            return;
-        }
-        self.entries.push((key, self.heads[bucket]));
-        self.heads[bucket] = (self.entries.len() - 1) as u32;
-    }
-
-    fn pop(&mut self) -> Option<u32> {
-        while self.heap.is_empty() && self.current + 1 < self.heads.len() {
-            self.current += 1;
-            let mut at = self.heads[self.current];
-            while at != END {
-                let (key, next) = self.entries[at as usize];
-                self.heap.push(Reverse(key));
-                at = next;
-            }
-        }
-        self.heap.pop().map(|Reverse(key)| key as u32)
-    }
 }
 
 /// Altitude and cell as one number that sorts by the first, then the second.

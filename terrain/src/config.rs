@@ -4,7 +4,17 @@ use crate::environment::{self, Environment};
 use crate::mask::Masks;
 use crate::operator::{Blend, Operator};
 use weald_contract::table::Tagged;
-use weald_contract::{Input, InputKind, Problem, Problems, Span, View, Written, table};
+use weald_contract::{Input, InputKind, Problem, Problems, Span, View, Written, table, words};
+
+words! {
+    /// What becomes of cells of the elevation model that have no data.
+    pub enum Holes {
+        /// They take their nearest neighbour's height.
+        Fill = "fill",
+        /// The same while the terrain is made; in its layers they have no data.
+        Keep = "keep",
+    }
+}
 
 table! {
     /// `[terrain]`: an elevation model, the operators that shape it, and its water.
@@ -15,6 +25,8 @@ table! {
         source_cell: Option<f64> = None, in 0.001..=100000.0;
         /// Altitudes of black and white in an image of heights, m. Floats are metres without them.
         source_heights: Option<[f64; 2]> = None, in -100000.0..=100000.0;
+        /// What becomes of cells without data.
+        source_holes: Holes = Holes::Fill;
         /// Side of a cell, m. Without it, that of the source.
         cell: Option<Written<f64>> = None, in 0.001..=100000.0;
         /// Operators, first to last.

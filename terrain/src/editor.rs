@@ -200,7 +200,8 @@ fn coarse<'a>(ground: &Ground, shaped: &Shaped<'a>) -> Option<(Ground, Shaped<'a
         }
     });
     let frame = lattice.frame((ground.frame.west, ground.frame.south));
-    let ground = Ground { frame, altitude: Vec::new(), source: None, mended: ground.mended };
+    let (mended, holes) = (ground.mended, ground.holes.clone());
+    let ground = Ground { frame, altitude: Vec::new(), source: None, mended, holes };
     let (lakes, layers) = (shaped.lakes.clone(), shaped.layers.clone());
     Some((ground, Shaped { lattice, altitude, lakes, layers }))
 }
@@ -214,7 +215,11 @@ fn prepared<'a>(
     elevation: &Raster,
     progress: &dyn Progress,
 ) -> Result<&'a Ground, Error> {
-    let fits = |made_for: &Config| made_for.cell == config.cell && made_for.crop == config.crop;
+    let fits = |made_for: &Config| {
+        made_for.cell == config.cell
+            && made_for.crop == config.crop
+            && made_for.source_holes == config.source_holes
+    };
     let made = match at_hand.take() {
         Some((made_for, ground)) if fits(&made_for) => (made_for, ground),
         _ => {

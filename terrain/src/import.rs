@@ -1,11 +1,13 @@
 //! From an elevation model to ground that the stack can work on: checked, whole, on its grid.
 
-use crate::config::Config;
+use crate::config::{Config, Holes};
 use crate::lattice::Lattice;
 use crate::nearest::nearest_marked;
 use crate::resample::resample;
 use crate::{Error, check_cancelled};
-use weald_contract::{Frame, Grid, Problem, Progress, Raster, Written};
+use rayon::prelude::*;
+use std::borrow::Cow;
+use weald_contract::{Frame, Grid, Layers, Problem, Progress, Raster, Written};
 
 /// The ground before the first operator.
 pub(crate) struct Ground {
@@ -17,6 +19,43 @@ pub(crate) struct Ground {
     pub source: Option<Grid>,
     /// Cells of the elevation model that had no data and took their nearest neighbour's.
     pub mended: usize,
+    /// The elevation model with NaN in its holes, where layers are to have them too.
+    pub holes: Option<Grid>,
+}
+
+impl Ground {
+    /// Takes the values of all layers out where the elevation model has kept holes.
+    pub fn keep_holes(&self, layers: &mut Layers) {
+        let Some(holes) = &self.holes else { return };
+        let is_hole = marked(holes, &layers.frame);
+        for layer in layers.layers.values_mut() {
+            for (value, _) in layer.values.iter_mut().zip(&is_hole).filter(|(_, hole)| **hole) {
+                *value = f32::NAN;
+            }
+        }
+        layers.detail.iter_mut().for_each(|patch| self.keep_holes(patch));
+    }
+
+    /// The ground that water runs over: kept holes lie below all else, so that what reaches one that
+    /// opens to the rim has left the terrain, and one that does not is a hollow.
+    pub fn drained<'a>(&self, altitude: &'a [f32]) -> Cow<'a, [f32]> {
+        let Some(holes) = &self.holes else { return Cow::Borrowed(altitude) };
+        let is_hole = marked(holes, &self.frame);
+        let lowered = altitude.iter().zip(&is_hole).map(|(z, hole)| if *hole { ABYSS } else { *z });
+        Cow::Owned(lowered.collect())
+    }
+}
+
+/// Altitude of kept holes for the water that runs into them, m.
+const ABYSS: f32 = -1e6;
+
+/// Which cells of a frame have their centre in a hole.
+fn marked(holes: &Grid, frame: &Frame) -> Vec<bool> {
+    let is_hole = |index| {
+        let (x, y) = frame.center(index % frame.width, index / frame.width);
+        holes.nearest(x, y).is_some_and(f32::is_nan)
+    };
+    (0..frame.len()).into_par_iter().map(is_hole).collect()
 }
 
 /// Most cells of a terrain: more would need over 10 GB at [`BYTES_PER_CELL`].
@@ -44,13 +83,22 @@ pub(crate) fn ground(
     progress.begin("ground", 1, "grid");
     let (values, mended) = mend(config, source)?;
     check_cancelled(progress)?;
+    if mended > 0 {
+        let count = values.len();
+        progress.say(&format!(
+            "{mended} of the elevation model's {count} cells have no data: each takes its nearest \
+             neighbour's height"
+        ));
+    }
+    let is_kept = mended > 0 && config.source_holes == Holes::Keep;
+    let holes = is_kept.then(|| source.clone());
     let is_same = frame == source.frame;
     let ground = if is_same {
-        Ground { frame, altitude: values, source: None, mended }
+        Ground { frame, altitude: values, source: None, mended, holes }
     } else {
         let altitude = resample(&source.frame, &values, &frame);
         let source = Grid { frame: source.frame, values };
-        Ground { frame, altitude, source: Some(source), mended }
+        Ground { frame, altitude, source: Some(source), mended, holes }
     };
     progress.advance(1);
     Ok(ground)
@@ -136,10 +184,15 @@ fn mend(config: &Config, source: &Grid) -> Result<(Vec<f32>, usize), Problem> {
     let problem = |message: String| Problem::at(config.source.span, message);
     let known: Vec<bool> = source.values.iter().map(|value| value.is_finite()).collect();
     let missing = known.iter().filter(|known| !**known).count();
-    if missing * 2 > known.len() {
+    let is_enough = match config.source_holes {
+        Holes::Fill => missing * 2 <= known.len(),
+        Holes::Keep => missing < known.len(),
+    };
+    if !is_enough {
         let share = 100.0 * missing as f64 / known.len() as f64;
         return Err(problem(format!("{share:.0} % of the elevation model is without data")).hint(
-            "at least half of its cells must have a height; crop it to where there is data",
+            "at least half of its cells must have a height: crop it to where there is data, or set \
+             `source_holes = \"keep\"`",
         ));
     }
     let absurd = source.values.iter().find(|value| value.is_finite() && value.abs() > MAX_HEIGHT);

@@ -39,7 +39,7 @@ pub mod sun;
 mod water;
 
 pub use breach::Breach;
-pub use config::{Config, Detail, LayerCommon, Water};
+pub use config::{Config, Detail, Holes, LayerCommon, Water};
 pub use editor::{COARSE, Editor};
 pub use environment::{CATALOGUE, Environment, LayerKind, Routing, kind};
 pub use erosion::{Erode, Thermal};
@@ -137,7 +137,7 @@ impl Parts<'_> {
         progress: &dyn Progress,
     ) -> Result<Layers, Error> {
         let (map, views) = (self.map(), self.views);
-        let hydrology = water::settle(config, shaped, &map, progress)?;
+        let hydrology = water::settle(config, ground, shaped, &map, progress)?;
         let mut layers = water::layers(ground, shaped, &hydrology, self.crs);
         let environment = environment::Source { config, shaped, water: &hydrology };
         environment.extend(&mut layers, progress)?;
@@ -145,6 +145,7 @@ impl Parts<'_> {
         // Patches take the layers as they were made, and are edited on their own cells.
         layers.detail = patches.build(config, &hydrology, &layers, progress)?;
         overlay::run(config, &shaped.lattice, &map, &mut layers)?;
+        ground.keep_holes(&mut layers);
         Ok(layers)
     }
 

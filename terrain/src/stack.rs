@@ -542,7 +542,7 @@ mod tests {
             (380.0 + 0.1 * x + 3.0 * (0.1 * y).sin()) as f32
         };
         let altitude = (0..FRAME.len()).map(z).collect();
-        Ground { frame: FRAME, altitude, source: None, mended: 0 }
+        Ground { frame: FRAME, altitude, source: None, mended: 0, holes: None }
     }
 
     fn config(text: &str) -> Config {

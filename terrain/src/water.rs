@@ -36,14 +36,17 @@ pub(crate) struct Hydrology {
 /// Fills lakes and streams, lets rain run and soak in.
 pub(crate) fn settle(
     config: &Config,
+    ground: &Ground,
     shaped: &Shaped<'_>,
     map: &Map<'_>,
     progress: &dyn Progress,
 ) -> Result<Hydrology, Error> {
     let Lattice { width, height, cell, .. } = shaped.lattice;
     progress.begin("water", 3, "steps");
-    let mut flood = flow::fill(width, height, &shaped.altitude);
-    flow::drain_through_floors(width, &shaped.altitude, &mut flood);
+    let drained = ground.drained(&shaped.altitude);
+    let mut flood = flow::fill(width, height, &drained);
+    flow::drain_through_floors(width, &drained, &mut flood);
+    drop(drained);
     let directions = flow::directions(width, height, &flood);
     let cells = flow::drained_cells(width, &directions);
     let upslope_area = cells.iter().map(|cells| (f64::from(*cells) * cell * cell) as f32).collect();
@@ -303,9 +306,9 @@ pub(crate) fn layers(ground: &Ground, shaped: &Shaped<'_>, water: &Hydrology, cr
     layers.crs = crs.clone();
     // Water that ends in a hollow makes its floor wet, and not the way out over its rim: here the
     // area is that of shared flow on the ground as it is.
-    let order = rising(&shaped.altitude);
-    let cells = vec![1.0; shaped.altitude.len()];
-    let cells = flow::accumulate_shared(width, &shaped.altitude, &order, cells);
+    let drained = ground.drained(&shaped.altitude);
+    let order = rising(&drained);
+    let cells = flow::accumulate_shared(width, &drained, &order, vec![1.0; drained.len()]);
     let wetness =
         derive::from_gradient(width, height, cell, &shaped.altitude, |index, gradient| {
             derive::wetness(cells[index] * cell * cell, cell, gradient.tangent())

@@ -224,6 +224,56 @@ fn holes_take_their_nearest_neighbours_and_are_told() {
 }
 
 #[test]
+fn water_leaves_through_kept_holes_that_open_to_the_rim() {
+    // All ground falls toward the tip of a gap in the model, whose sides rise from there to the
+    // rim: filled by its neighbours' heights the gap is a dam, kept it is the way out.
+    let (tip_x, tip_y) = (FRAME.west + 60.0, FRAME.south + 50.0);
+    let funnel = |x: f64, y: f64| (x - tip_x).hypot(y - tip_y) as f32;
+    let gap = |x: f64, y: f64| x > tip_x && (y - tip_y).abs() < 2.0;
+    let grid = Grid::from_fn(FRAME, |x, y| if gap(x, y) { f32::NAN } else { 100.0 + funnel(x, y) });
+    let raster = Raster { grid, crs: Crs::default() };
+    let filled = |holes: &str| {
+        let config = config(&format!("source = \"d\"\nsource_holes = \"{holes}\""));
+        build(&config, &raster, &BTreeMap::new(), &[], Seed(7), &Silent).unwrap()
+    };
+    let hollows = |layers: &Layers| {
+        let pairs = layers.values("filled").unwrap().iter().zip(layers.values("altitude").unwrap());
+        pairs.filter(|(filled, altitude)| filled > altitude).count()
+    };
+    assert!(hollows(&filled("fill")) > 1000);
+    let kept = filled("keep");
+    assert_eq!(hollows(&kept), 0);
+    let wetness = kept.values("wetness").unwrap();
+    assert!(wetness.iter().any(|value| value.is_nan()) && !wetness.iter().all(|v| v.is_nan()));
+}
+
+#[test]
+fn holes_that_are_kept_are_holes_in_every_layer_and_change_drainage_alone() {
+    let mut holed = raster();
+    holed.grid.values[4000..4030].fill(f32::NAN);
+    let made = |holes: &str, rest: &str| {
+        let text = format!("source = \"d\"\nsource_holes = \"{holes}\"\n{rest}");
+        build(&config(&text), &holed, &BTreeMap::new(), &[view()], Seed(7), &Silent).unwrap()
+    };
+    let patch = "detail = [{ view = \"bank\", cell = 0.5, radius = 60 }]";
+    for rest in [patch, "layers = [\"insolation\"]", "cell = 0.5"] {
+        let (filled, kept) = (made("fill", rest), made("keep", rest));
+        let patches = filled.detail.iter().zip(&kept.detail);
+        for (filled, kept) in std::iter::once((&filled, &kept)).chain(patches) {
+            for (name, layer) in &kept.layers {
+                let pairs = layer.values.iter().zip(filled.values(name).unwrap());
+                let (gone, left): (Vec<_>, Vec<_>) = pairs.partition(|(kept, _)| kept.is_nan());
+                // Thirty cells of a square metre.
+                assert_eq!(gone.len() as f64 * kept.frame.cell_area(), 30.0, "{name}, {rest}");
+                let is_drainage = ["filled", "upslope_area", "wetness"].contains(&name.as_str());
+                let is_same = left.iter().all(|(kept, filled)| kept == filled);
+                assert!(is_same || is_drainage, "{name}, {rest}");
+            }
+        }
+    }
+}
+
+#[test]
 fn ground_that_cannot_be_used_is_refused_with_the_way_out() {
     let text = "source = \"dem.tif\"";
     let changed = |change: &dyn Fn(&mut Raster)| {

@@ -1,26 +1,48 @@
-//! ESRI ASCII grids: a header of five or six lines, then numbers, north row first.
+//! ESRI ASCII grids: a header of five or six lines, then numbers, north row first; a `.prj` of the
+//! same name may stand beside them.
 
 use crate::bytes::{MAX_FILE_BYTES, read_text};
 use crate::error::{Error, Result};
 use crate::geotiff::MAX_CELLS;
+use crate::prj;
 use crate::utm::{self, Cells};
 use std::path::Path;
 use weald_contract::{Crs, Frame, Grid, Raster};
 
-/// Reads an ESRI ASCII grid; the format names no reference system, and what can only be longitude
-/// and latitude is taken for WGS 84 and brought to its UTM zone.
+/// Reads an ESRI ASCII grid, and its reference system from the `.prj` of the same name; without
+/// one, what can only be longitude and latitude is taken for WGS 84. Degrees are brought to their
+/// UTM zone.
 ///
 /// # Errors
-/// When the header lacks a field or the numbers are not as many as it says.
+/// When the header lacks a field or the numbers are not as many as it says; when the `.prj` is no
+/// well-known text, or says feet or a datum that we do not know.
 pub fn read_raster(path: &Path) -> Result<Raster> {
-    parse_raster(path, &read_text(path, MAX_FILE_BYTES)?)
+    let crs = prj::beside(path).map(|beside| prj::read(&beside)).transpose()?;
+    on_map(path, parse_grid(path, &read_text(path, MAX_FILE_BYTES)?)?, crs)
 }
 
-/// Reads an ESRI ASCII grid from its text; `path` is for messages only.
+/// Reads an ESRI ASCII grid without `.prj` from its text; `path` is for messages only.
 ///
 /// # Errors
 /// As [`read_raster`].
 pub fn parse_raster(path: &Path, text: &str) -> Result<Raster> {
+    on_map(path, parse_grid(path, text)?, None)
+}
+
+/// Gives a grid its reference system, and brings degrees to metres.
+fn on_map(path: &Path, grid: Grid, crs: Option<Crs>) -> Result<Raster> {
+    let is_geographic = crs.as_ref().map_or(are_degrees(&grid.frame), |crs| crs.is_geographic);
+    let crs = crs.unwrap_or_default();
+    if !is_geographic {
+        return Ok(Raster { grid, crs });
+    }
+    let Frame { width, height, cell, west, .. } = grid.frame;
+    let north = grid.frame.north();
+    let cells = Cells { width, height, west, north, across: cell, down: cell };
+    utm::to_utm(path, &cells, &grid.values, &crs)
+}
+
+fn parse_grid(path: &Path, text: &str) -> Result<Grid> {
     let (header, body) = Header::read(path, text)?;
     let frame = header.frame(path)?;
     // Each number takes at least a digit and a space, which bounds the allocation.
@@ -42,12 +64,7 @@ pub fn parse_raster(path: &Path, text: &str) -> Result<Raster> {
         let hint = format!("the header promises {} x {}", frame.width, frame.height);
         return Err(Error::invalid(path, message, hint));
     }
-    if are_degrees(&frame) {
-        let Frame { width, height, cell, west, .. } = frame;
-        let cells = Cells { width, height, west, north: frame.north(), across: cell, down: cell };
-        return utm::to_utm(path, &cells, &values, &Crs::default());
-    }
-    Ok(Raster { grid: Grid { frame, values }, crs: Crs::default() })
+    Ok(Grid { frame, values })
 }
 
 /// Header fields; `xllcorner` and `xllcenter` are alternatives.
@@ -141,7 +158,7 @@ impl Header {
 
 /// Whether a place and a cell size can only be longitude and latitude.
 ///
-/// The format names no reference system. Ten-millimetre cells occur in laboratories, but those
+/// For grids without a `.prj`. Ten-millimetre cells occur in laboratories, but those
 /// are measured from an origin, not from a corner that lies whole degrees away from it.
 fn are_degrees(&Frame { cell, west, south, .. }: &Frame) -> bool {
     cell < 0.01 && (1.0..=180.0).contains(&west.abs()) && (1.0..=90.0).contains(&south.abs())
@@ -177,6 +194,23 @@ mod tests {
             let error = parse(&text).unwrap_err().to_string();
             assert!(error.starts_with("dem.asc: "), "{error}");
         }
+    }
+
+    #[test]
+    fn the_companion_says_the_map() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("dem.asc");
+        let header = "ncols 9\nnrows 9\nxllcorner 4.5\nyllcorner 52.0\ncellsize 0.05\n";
+        std::fs::write(&path, format!("{header}{}", "3 ".repeat(81))).unwrap();
+        // Cells so wide are metres unless the companion says otherwise.
+        assert_eq!(read_raster(&path).unwrap().crs, Crs::default());
+        let system = r#"GEOGCS["GCS_ETRS_1989",DATUM["D_ETRS_1989",SPHEROID["GRS_1980",1,2]]]"#;
+        std::fs::write(path.with_extension("prj"), system).unwrap();
+        let raster = read_raster(&path).unwrap();
+        assert_eq!(raster.crs.epsg, Some(25831));
+        assert!(raster.grid.frame.cell > 3000.0);
+        std::fs::write(path.with_extension("prj"), "metres").unwrap();
+        assert!(read_raster(&path).unwrap_err().to_string().contains("dem.prj"));
     }
 
     #[test]

@@ -20,6 +20,8 @@ const GEO_KEYS: u16 = 34735;
 const GEO_DOUBLES: u16 = 34736;
 const GEO_ASCII: u16 = 34737;
 const GDAL_METADATA: u16 = 42112;
+/// GDAL's text for the value that means "no data".
+const GDAL_NODATA: u16 = 42113;
 
 /// Geokey that says whether a value belongs to a cell (1) or a point (2).
 const RASTER_TYPE_KEY: u16 = 1025;
@@ -334,6 +336,9 @@ pub fn write_band(path: &Path, band: BandRef<'_>, provenance: &Provenance) -> Re
     }
     let metadata = metadata_xml(&band, provenance);
     image = image.tag(Tag::new(GDAL_METADATA, TagValue::Ascii(metadata)));
+    if band.values.iter().any(|value| value.is_nan()) {
+        image = image.tag(Tag::new(GDAL_NODATA, TagValue::Ascii("nan".into())));
+    }
     write_atomically(path, |file| write_tiles(file, image, &frame, band.values))
 }
 

@@ -2,8 +2,8 @@
 
 use crate::bytes::ending;
 use crate::error::{Error, Result};
-use crate::{ascii_grid, geotiff, hgt, npy, picture, png};
-use std::path::Path;
+use crate::{ascii_grid, geotiff, hgt, npy, picture, png, prj};
+use std::path::{Path, PathBuf};
 use weald_contract::{Image, Raster};
 
 /// Reads numbers with a place on the map: a GeoTIFF, an ESRI ASCII grid or a tile of SRTM.
@@ -29,6 +29,12 @@ pub fn read_raster(path: &Path) -> Result<Raster> {
             Err(Error::unsupported(path, message, hint))
         }
     }
+}
+
+/// The file beside a raster that is read with it, where there is one: the `.prj` of an ESRI ASCII
+/// grid.
+pub fn companion(path: &Path) -> Option<PathBuf> {
+    if ending(path) == "asc" { prj::beside(path) } else { None }
 }
 
 /// Reads one band of densities or parameters: PNG of 8 or 16 bits, GeoTIFF, OpenEXR, ESRI ASCII,

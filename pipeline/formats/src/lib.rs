@@ -37,10 +37,11 @@ mod instances;
 mod palette;
 mod png;
 mod png_bands;
+mod prj;
 
 pub use elevation::{HeightScale, read_elevation};
 pub use error::{Error, Result};
-pub use image::{read_image, read_raster};
+pub use image::{companion, read_image, read_raster};
 pub use instances::{check_instances, read_instances, write_instances};
 pub use obj::read_obj;
 pub use palette::{parse_palette, read_palette, write_palette};

@@ -27,7 +27,7 @@ use crate::scene::{Scene, SceneInput};
 use serde_json::Value as Json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use weald_contract::{Image, InputKind, Population, Problem, Seed};
+use weald_contract::{Image, InputKind, Layers, Population, Problem, Seed};
 use weald_formats::{Parent, Provenance};
 
 /// What a stage left.
@@ -100,6 +100,19 @@ pub(crate) fn parent(path: &Path) -> Result<Parent> {
         blake3: weald_formats::hash_file(&file)?,
         provenance: weald_formats::provenance(&file)?.map(Box::new),
     })
+}
+
+/// Reads the terrain that a later stage stands on, which must have no holes.
+pub(crate) fn whole_terrain(folder: &Path) -> Result<Layers> {
+    let terrain = weald_formats::read_terrain(folder)?;
+    let altitudes = terrain.values("altitude").unwrap_or_default();
+    match altitudes.iter().filter(|altitude| altitude.is_nan()).count() {
+        0 => Ok(terrain),
+        holes => Err(Error::plain(
+            format!("{}: {holes} cells have no altitude", folder.display()),
+            "plants and pictures need whole ground: `source_holes = \"fill\"` in `[terrain]`",
+        )),
+    }
 }
 
 fn file_name(path: &Path) -> String {

@@ -4,12 +4,13 @@
 //! that a stage cannot read what its key does not hold: species come stripped of the tables of
 //! other stages, and only those views are passed that the stage's own table names.
 
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::recipe::{HashedInput, Recipe, Stage};
 use crate::scene::{Scene, SceneInput, SceneSpecies};
 use serde::Serialize;
 use serde_json::{Map, Value as Json, json};
 use std::collections::BTreeMap;
+use std::path::Path;
 use weald_contract::{GroupRecipe, Projection, Size, Species, View};
 
 /// What rendering leaves as it is but a draft makes smaller.
@@ -235,7 +236,8 @@ pub fn recipes(scene: &Scene, is_draft: bool) -> Result<BTreeMap<Stage, Recipe>>
     Ok(recipes)
 }
 
-/// BLAKE3 of every file that a stage's table names, each once.
+/// BLAKE3 of every file that a stage's table names, each once, and of the files beside them that
+/// are read with them.
 ///
 /// # Errors
 /// An input cannot be read.
@@ -245,8 +247,14 @@ pub fn hashed_inputs(scene: &Scene, stage: Stage) -> Result<Vec<HashedInput>> {
         if hashed.iter().any(|known| known.name == input.path.value) {
             continue;
         }
-        let blake3 = weald_formats::hash_file(path).map_err(Error::File)?;
-        hashed.push(HashedInput { name: input.path.value.clone(), blake3 });
+        let name = input.path.value.clone();
+        hashed.push(HashedInput { name, blake3: weald_formats::hash_file(path)? });
+        if let Some(beside) = weald_formats::companion(path) {
+            let name =
+                Path::new(&input.path.value).with_file_name(beside.file_name().unwrap_or_default());
+            let blake3 = weald_formats::hash_file(&beside)?;
+            hashed.push(HashedInput { name: name.display().to_string(), blake3 });
+        }
     }
     Ok(hashed)
 }

@@ -1,6 +1,8 @@
 //! Ecosim: terrain to plants, with the history of simulations beside them.
 
-use super::{Made, at_field, images, make_folder_of, parent, stage_error, stage_seed};
+use super::{
+    Made, at_field, images, make_folder_of, parent, stage_error, stage_seed, whole_terrain,
+};
 use crate::error::{Error, Result};
 use crate::parameters::{ecosim_species, views_seen_from};
 use crate::preview;
@@ -36,7 +38,7 @@ pub fn ecosim(
     progress: &dyn Progress,
 ) -> Result<Made> {
     let stage = Stage::Ecosim;
-    let terrain = weald_formats::read_terrain(&paths.terrain)?;
+    let terrain = whole_terrain(&paths.terrain)?;
     let start = paths.start.as_deref().map(weald_formats::read_population).transpose()?;
     provenance.inputs.push(parent(&paths.terrain)?);
     if let Some(start) = &paths.start {

@@ -2,7 +2,7 @@
 
 use super::{
     Made, Pixels, at_field, file_name, level, make_folder_of, parent, plant_file, stage_error,
-    stage_seed,
+    stage_seed, whole_terrain,
 };
 use crate::check::bytes_in_words;
 use crate::denoise::Denoiser;
@@ -46,7 +46,7 @@ pub fn render(
 ) -> Result<Made> {
     let stage = Stage::Render;
     let error = || stage_error!(&scene.sources, stage, weald_render);
-    let terrain = weald_formats::read_terrain(&paths.terrain)?;
+    let terrain = whole_terrain(&paths.terrain)?;
     let palette = weald_formats::read_palette(&paths.palette)?;
     let instances = weald_formats::read_instances(&paths.instances)?;
     weald_formats::check_instances(&palette, &instances).map_err(|problem| {

@@ -11,6 +11,9 @@ const MAX_SIDE: usize = 1024;
 const MIN_SIDE: usize = 512;
 /// Depth at which water looks half as dark as it can, m.
 const WATER_DEPTH_SCALE: f32 = 0.7;
+/// Colour of cells whose ground is not known.
+const NO_GROUND: [u8; 3] = [236, 236, 236];
+
 /// The light of shaded maps comes from the north-west, 45 degrees high [Imhof65].
 const LIGHT: [f32; 3] = [-0.5, 0.5, std::f32::consts::FRAC_1_SQRT_2];
 
@@ -109,6 +112,9 @@ fn relief_color(
     let altitude = |x, y| terrain.sample("altitude", x, y).unwrap_or(0.0);
     let step = (1.0 / map.pixels_per_metre).max(terrain.frame.cell);
     let here = altitude(x, y);
+    if here.is_nan() {
+        return NO_GROUND;
+    }
     let east = (altitude(x + step, y) - altitude(x - step, y)) / (2.0 * step) as f32;
     let north = (altitude(x, y + step) - altitude(x, y - step)) / (2.0 * step) as f32;
     // Prairie relief is gentle: slopes are drawn three times as steep as they are.

@@ -330,7 +330,13 @@ impl Source<'_> {
     fn wetness_suction(&self) -> Vec<f32> {
         let Lattice { width, height, cell, .. } = self.shaped.lattice;
         let relief = Relief { width, height, cell, altitude: &self.shaped.altitude };
-        let area = self.specific_area(Routing::Multiple);
+        let mut area = self.specific_area(Routing::Multiple);
+        // Nothing is drawn up through a hole.
+        for (area, _) in
+            area.iter_mut().zip(&self.water.flood.level).filter(|(_, level)| level.is_nan())
+        {
+            *area = f32::NAN;
+        }
         suction::wetness(&relief, area, self.config.environment.suction)
     }
 

@@ -25,8 +25,9 @@ const SIDE: usize = 256;
 
 /// The lowest level at which water can leave each cell over eight neighbours and an open rim.
 ///
-/// `altitude` must be finite and hold `width * height` values, fewer than 2³² of them. The levels
-/// are altitudes of the grid, bit for bit, whatever the number of threads.
+/// `altitude` holds `width * height` values, fewer than 2³² of them, finite but for NaN in holes:
+/// water leaves the grid through them as over the rim, and their level is NaN. Levels are altitudes
+/// of the grid, bit for bit, whatever the number of threads.
 pub fn levels(width: usize, height: usize, altitude: &[f32]) -> Vec<f32> {
     levels_in_tiles(width, height, altitude, SIDE)
 }
@@ -50,7 +51,8 @@ fn levels_in_tiles(width: usize, height: usize, altitude: &[f32], side: usize) -
                     tile.load(width, columns.clone(), altitude);
                     tile.flood();
                     tile.store(width, columns, level, label);
-                    Flooded { watersheds: tile.watersheds, passes: tile.passes.take() }
+                    let (passes, holes) = (tile.passes.take(), tile.holes.clone());
+                    Flooded { watersheds: tile.watersheds, passes, holes }
                 })
                 .collect()
         })
@@ -60,9 +62,10 @@ fn levels_in_tiles(width: usize, height: usize, altitude: &[f32], side: usize) -
     let mut first = Vec::with_capacity(flooded.len() * tiles_across);
     let mut watersheds = OUTSIDE + 1;
     let mut passes = Vec::new();
-    for Flooded { watersheds: count, passes: inside } in flooded.into_iter().flatten() {
+    for Flooded { watersheds: count, passes: inside, holes } in flooded.into_iter().flatten() {
         first.push(watersheds);
         let number = |label: u16| watersheds + u32::from(label) - 1;
+        passes.extend(holes.into_iter().map(|hole| (OUTSIDE, number(hole), BOTTOMLESS)));
         passes.extend(inside.into_iter().map(|((a, b), level)| (number(a), number(b), level)));
         watersheds += u32::from(count);
     }
@@ -79,7 +82,8 @@ fn levels_in_tiles(width: usize, height: usize, altitude: &[f32], side: usize) -
             {
                 let stands = &stands[first[down * tiles_across + across] as usize - 1..];
                 for (level, label) in level.iter_mut().zip(label) {
-                    *level = level.max(stands[*label as usize]);
+                    let stands = level.max(stands[*label as usize]);
+                    *level = if stands == BOTTOMLESS { f32::NAN } else { stands };
                 }
             }
         }
@@ -91,7 +95,12 @@ fn levels_in_tiles(width: usize, height: usize, altitude: &[f32], side: usize) -
 struct Flooded {
     watersheds: u16,
     passes: Vec<((u16, u16), f32)>,
+    /// Watersheds of holes.
+    holes: Vec<u16>,
 }
+
+/// Altitude of a hole: what flows there is gone.
+const BOTTOMLESS: f32 = f32::NEG_INFINITY;
 
 /// Label of what is around a tile, and of cells that have none yet.
 const NONE: u16 = 0;
@@ -121,6 +130,8 @@ struct Tile {
     catchments: Catchments,
     watersheds: u16,
     passes: Passes,
+    /// Catchments of holes, then their watersheds.
+    holes: Vec<u16>,
 }
 
 impl Tile {
@@ -139,7 +150,8 @@ impl Tile {
         self.downhill.resize(len, 0);
         for (row, line) in altitude.chunks_exact(width).enumerate() {
             let start = (row + 1) * stride + 1;
-            self.altitude[start..][..self.width].copy_from_slice(&line[columns.clone()]);
+            let cells = self.altitude[start..][..self.width].iter_mut().zip(&line[columns.clone()]);
+            cells.for_each(|(here, z)| *here = if z.is_nan() { BOTTOMLESS } else { *z });
         }
     }
 
@@ -149,8 +161,11 @@ impl Tile {
         self.find_ways();
         self.catchments.start(count);
         self.open_rim();
+        self.holes.iter().for_each(|label| self.catchments.open(*label));
         self.catchments.join(&mut self.ways);
         self.watersheds = self.catchments.number();
+        let watershed = |label: &u16| self.catchments.watershed[*label as usize];
+        self.holes.iter_mut().for_each(|label| *label = watershed(label));
         for way in &self.ways {
             let [a, b] = way.between.map(|side| self.catchments.watershed[side as usize]);
             self.passes.add(a, b, way.level);
@@ -212,6 +227,7 @@ impl Tile {
     /// No two of those touch, so that fewer than 2¹⁶ of them fit in a tile of 2¹⁸ cells.
     fn label_catchments(&mut self) -> usize {
         let mut count = NONE;
+        self.holes.clear();
         for row in 1..=self.height {
             let start = row * self.stride() + 1;
             for first in start..start + self.width {
@@ -222,6 +238,9 @@ impl Tile {
                     if step == 0 {
                         count += 1;
                         self.label[cell] = count;
+                        if self.altitude[cell] == BOTTOMLESS {
+                            self.holes.push(count);
+                        }
                     }
                     cell = cell.wrapping_add_signed(step as isize);
                 }
@@ -547,6 +566,7 @@ mod tests {
         let on_rim = |x, y| x == 0 || y == 0 || x + 1 == width || y + 1 == height;
         let mut level: Vec<f32> = (0..altitude.len())
             .map(|i| if on_rim(i % width, i / width) { altitude[i] } else { f32::INFINITY })
+            .map(|z| if z.is_nan() { BOTTOMLESS } else { z })
             .collect();
         loop {
             let before = level.clone();
@@ -554,12 +574,15 @@ mod tests {
                 let lowest = [i - width - 1, i - width, i - width + 1, i - 1, i + 1]
                     .into_iter()
                     .chain([i + width - 1, i + width, i + width + 1])
-                    .map(|beside| level[beside])
+                    .map(
+                        |beside| if altitude[beside].is_nan() { BOTTOMLESS } else { level[beside] },
+                    )
                     .fold(f32::MAX, f32::min);
                 level[i] = level[i].min(lowest.max(altitude[i]));
             }
             if level == before {
-                return level;
+                let cells = level.iter().zip(altitude);
+                return cells.map(|(level, z)| if z.is_nan() { *z } else { *level }).collect();
             }
         }
     }
@@ -573,15 +596,19 @@ mod tests {
             height in 1usize..40,
             side in 1usize..20,
             steps in 1u64..400,
+            holes in 0.0..0.2,
             seed: u64,
         ) {
             let mut stream = weald_contract::Seed(seed).stream("ground", 0);
             // Few steps make plateaus, negative values try the queue's order.
-            let altitude: Vec<f32> =
+            let mut altitude: Vec<f32> =
                 (0..width * height).map(|_| stream.below(steps) as f32 * 0.37 - 20.0).collect();
-            let expected = minimax(width, height, &altitude);
-            prop_assert_eq!(&levels_in_tiles(width, height, &altitude, side), &expected);
-            prop_assert_eq!(&levels(width, height, &altitude), &expected);
+            let mut pierce = |z: &mut f32| *z = if stream.unit() < holes { f32::NAN } else { *z };
+            altitude.iter_mut().for_each(&mut pierce);
+            let bits = |levels: Vec<f32>| levels.into_iter().map(f32::to_bits).collect::<Vec<_>>();
+            let expected = bits(minimax(width, height, &altitude));
+            prop_assert_eq!(&bits(levels_in_tiles(width, height, &altitude, side)), &expected);
+            prop_assert_eq!(&bits(levels(width, height, &altitude)), &expected);
         }
     }
 

@@ -1,7 +1,8 @@
 //! Where water runs: depression filling, steepest descent, and the area above every cell.
 //!
 //! **Conventions.** Cells touch eight neighbours. The rim is open: a cell on it may always drain
-//! off the grid, and does so unless a neighbour lies lower; it takes part in all flow.
+//! off the grid, and does so unless a neighbour lies lower; it takes part in all flow. Cells of NaN
+//! are holes in the grid, with a rim of their own.
 //!
 //! **Filling** raises every cell to the lowest level at which water could leave it, the minimax
 //! over all paths to the rim ([`crate::fill`]); level ground then drains to where it falls.
@@ -27,9 +28,10 @@ const PER_DISTANCE: [f32; 8] = {
 /// A filled surface and the way the flood came.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Flood {
-    /// Lowest level from which water can leave each cell, at least the cell's altitude.
+    /// Lowest level from which water can leave each cell, at least the cell's altitude; NaN in holes.
     pub level: Vec<f32>,
-    /// Direction to a neighbour that is no higher; [`OUT`] on the rim where none is lower.
+    /// Direction to a neighbour that is no higher; [`OUT`] on the rim where none is lower, and in
+    /// holes.
     /// Following it leads off the grid from anywhere; it is the drain of level ground.
     pub toward: Vec<u8>,
 }
@@ -43,7 +45,7 @@ pub fn neighbor(cell: usize, direction: u8, width: usize) -> usize {
 
 /// Fills depressions: the exact minimax surface over eight neighbours with an open rim.
 ///
-/// `altitude` must be finite and hold `width * height` values, fewer than 2³² of them.
+/// `altitude` holds `width * height` values, fewer than 2³² of them, finite but for NaN in holes.
 ///
 /// ```
 /// // A pit of 1 m in ground of 5 m fills to the notch of 3 m in its rim.
@@ -71,8 +73,11 @@ fn drains(width: usize, height: usize, altitude: &[f32], level: &[f32]) -> Vec<u
     // Level ground: on the rim it drains at once, inside it waits for a neighbour.
     toward.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
         if row > 0 && row + 1 < height && width > 2 {
-            for code in line[1..width - 1].iter_mut().filter(|code| **code == OUT) {
-                *code = DRY;
+            for column in 1..width - 1 {
+                let cell = row * width + column;
+                if line[column] == OUT && !is_beside_hole(width, level, cell) {
+                    line[column] = DRY;
+                }
             }
         }
     });
@@ -116,6 +121,12 @@ fn drains(width: usize, height: usize, altitude: &[f32], level: &[f32]) -> Vec<u
         }
     }
     toward
+}
+
+/// Whether a cell inside the grid is a hole or touches one.
+fn is_beside_hole(width: usize, level: &[f32], cell: usize) -> bool {
+    let is_hole = |cell: usize| level[cell].is_nan();
+    is_hole(cell) || (0..8).any(|direction| is_hole(neighbor(cell, direction, width)))
 }
 
 /// Direction in which water leaves every cell: the steepest way down (the first of equally steep
@@ -559,16 +570,21 @@ mod tests {
             width in 1usize..24,
             height in 1usize..24,
             steps in 1u32..400,
+            holes in prop_oneof![Just(0.0), 0.0..0.2],
             seed: u64,
         ) {
             let mut stream = weald_contract::Seed(seed).stream("ground", 0);
             // Few steps make plateaus, negative values try the queue's order.
-            let altitude: Vec<f32> = (0..width * height)
-                .map(|_| stream.below(u64::from(steps)) as f32 * 0.37 - 20.0)
-                .collect();
+            let mut z = || stream.below(u64::from(steps)) as f32 * 0.37 - 20.0;
+            let mut altitude: Vec<f32> = (0..width * height).map(|_| z()).collect();
+            let mut pierce = |z: &mut f32| *z = if stream.unit() < holes { f32::NAN } else { *z };
+            altitude.iter_mut().for_each(&mut pierce);
             let flood = fill(width, height, &altitude);
-            prop_assert_eq!(&flood.level, &minimax(width, height, &altitude));
-            prop_assert_eq!(&fill(width, height, &flood.level).level, &flood.level);
+            let bits = |levels: &[f32]| levels.iter().map(|z| z.to_bits()).collect::<Vec<_>>();
+            if holes == 0.0 {
+                prop_assert_eq!(&flood.level, &minimax(width, height, &altitude));
+            }
+            prop_assert_eq!(bits(&fill(width, height, &flood.level).level), bits(&flood.level));
             for (cell, &toward) in flood.toward.iter().enumerate().filter(|(_, t)| **t < OUT) {
                 prop_assert!(flood.level[neighbor(cell, toward, width)] <= flood.level[cell]);
             }

@@ -36,18 +36,15 @@ impl Ground {
         layers.detail.iter_mut().for_each(|patch| self.keep_holes(patch));
     }
 
-    /// The ground that water runs over: kept holes lie below all else, so that what reaches one that
-    /// opens to the rim has left the terrain, and one that does not is a hollow.
+    /// The ground that water runs over, with NaN in kept holes.
     pub fn drained<'a>(&self, altitude: &'a [f32]) -> Cow<'a, [f32]> {
         let Some(holes) = &self.holes else { return Cow::Borrowed(altitude) };
         let is_hole = marked(holes, &self.frame);
-        let lowered = altitude.iter().zip(&is_hole).map(|(z, hole)| if *hole { ABYSS } else { *z });
+        let lowered =
+            altitude.iter().zip(&is_hole).map(|(z, hole)| if *hole { f32::NAN } else { *z });
         Cow::Owned(lowered.collect())
     }
 }
-
-/// Altitude of kept holes for the water that runs into them, m.
-const ABYSS: f32 = -1e6;
 
 /// Which cells of a frame have their centre in a hole.
 fn marked(holes: &Grid, frame: &Frame) -> Vec<bool> {

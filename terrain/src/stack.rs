@@ -289,13 +289,21 @@ pub(crate) fn halo(layers: &[Layer<'_>], cell: f64) -> usize {
     layers.iter().map(|layer| layer.reach(cell)).sum()
 }
 
-/// Bilinear values of one lattice at the cells of another.
+/// Bilinear values of one lattice at the cells of another, of those that are numbers.
 pub(crate) fn sample(from: &Lattice, values: &[f32], to: &Lattice) -> Vec<f32> {
     let frame = from.frame((0.0, 0.0));
     by_row(to.width, to.height, |row, out| {
         let y = to.y(row);
         for (column, out) in out.iter_mut().enumerate() {
-            *out = frame.sample(values, to.x(column), y);
+            let corners = frame.bilinear(to.x(column), y);
+            *out = corners.iter().map(|&(index, weight)| values[index] * weight).sum();
+            if out.is_nan() {
+                let known = corners.iter().filter(|(index, _)| !values[*index].is_nan());
+                let (sum, weight) = known.fold((0.0, 0.0), |(sum, total), &(index, weight)| {
+                    (sum + values[index] * weight, total + weight)
+                });
+                *out = sum / weight;
+            }
         }
     })
 }

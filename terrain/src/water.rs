@@ -173,7 +173,7 @@ fn lake_cell(
     let cell = frame.index(column, row);
     let (ground, spill) = (altitude[cell], flood.level[cell]);
     let surface = lake.level.value as f32;
-    if spill <= ground {
+    if spill <= ground || spill.is_nan() {
         return Err(Problem::at(
             lake.at.span,
             format!("({x}, {y}) does not lie in a hollow: water would run off its ground at {ground:.2} m"),
@@ -308,7 +308,8 @@ pub(crate) fn layers(ground: &Ground, shaped: &Shaped<'_>, water: &Hydrology, cr
     // area is that of shared flow on the ground as it is.
     let drained = ground.drained(&shaped.altitude);
     let order = rising(&drained);
-    let cells = flow::accumulate_shared(width, &drained, &order, vec![1.0; drained.len()]);
+    let ones = vec![1.0; drained.len()];
+    let cells = flow::accumulate_shared(width, &drained, &order, ones);
     let wetness =
         derive::from_gradient(width, height, cell, &shaped.altitude, |index, gradient| {
             derive::wetness(cells[index] * cell * cell, cell, gradient.tangent())

@@ -4,9 +4,11 @@
 Usage: flow.py --venv FOLDER [--weald PROGRAM] [--side CELLS] [--repeat N] [MODEL ...]
 
 Installs numpy, rasterio, topotoolbox, pyflwdir (with numba) and whitebox-workflows into FOLDER. Each
-MODEL is a GeoTIFF in metres without holes; without one the raster is spectral noise (power ~ k^-3.5,
-range 1500 m, 10 m cells) of SIDE cells. Times are those of the kernels alone, without reading or
-writing, on one thread; runs are interleaved.
+MODEL is a raster that rasterio reads, or NPZ with an array `elevation`; its cells are taken for squares
+of 10 m, whatever its map says, so that all programs see the same numbers. Without one the raster is
+spectral noise (power ~ k^-3.5, range 1500 m) of SIDE cells. Times are those of the kernels alone,
+without reading or writing, on one thread; runs are interleaved. Models with holes are compared, but
+not timed.
 
 Ends with 1 unless ours agrees with the peers. The filled surface is unique, so wherever a peer's
 heights are heights of the raster it must equal ours bit by bit (others add differences to cells, or
@@ -94,11 +96,23 @@ def write_model(folder, z):
 
     rows, columns = z.shape
     transform = rasterio.transform.from_origin(0, rows * CELL, CELL, CELL)
-    path = os.path.join(folder, "noise.tif")
-    with rasterio.open(path, "w", driver="GTiff", width=columns, height=rows, count=1,
+    # Whitebox remembers what it has read by its name.
+    path = os.path.join(folder, f"model-{len(os.listdir(folder))}.tif")
+    with rasterio.open(path, "w", driver="GTiff", width=columns, height=rows, count=1, nodata="nan",
                        dtype="float32", crs="EPSG:32613", transform=transform) as file:
         file.write(z, 1)
     return path
+
+
+def read_model(path):
+    """Heights of a model, NaN in its holes, north row first."""
+    import numpy as np
+    import rasterio
+
+    if path.endswith(".npz"):
+        return np.load(path)["elevation"].astype("float32")
+    with rasterio.open(path) as file:
+        return file.read(1, masked=True).astype("float32").filled(np.nan)
 
 
 def layers_of_weald(program, folder, path):
@@ -107,7 +121,8 @@ def layers_of_weald(program, folder, path):
 
     stack = os.path.join(folder, "stack.toml")
     with open(stack, "w") as file:
-        file.write(f"[terrain]\nsource = {json.dumps(os.path.abspath(path))}\n")
+        file.write(f"[terrain]\nsource = {json.dumps(os.path.abspath(path))}\n"
+                   "source_holes = \"keep\"\n")
     out = os.path.join(folder, "out")
     weald(program, "terrain", stack, "--layers", "filled,upslope_area", "-o", out)
     read = lambda name: rasterio.open(os.path.join(out, f"{name}.tif"))
@@ -142,8 +157,7 @@ def topotoolbox_runs(z, times):
     area, *area_time = timed(flow.flow_accumulation)
     add(times, "fill", "TopoToolbox", [fill_time])
     add(times, "fill, D8", "TopoToolbox (fills while it routes)", [route_time, area_time])
-    odd = odd_ways(fill.z)
-    grid.z = odd.astype("float32")
+    grid.z = odd_ways(fill.z).astype("float32")
     return fill.z, area.z, flow.flow_accumulation(weights=grid).z == 0
 
 
@@ -155,7 +169,9 @@ def odd_ways(z):
     """
     import numpy as np
 
-    padded = np.pad(z.astype(float), 1, constant_values=np.inf)
+    # Ground that is very high takes no water: what is around the grid, and holes.
+    z = np.where(np.isnan(z), 1e9, z.astype(float))
+    padded = np.pad(z, 1, constant_values=1e9)
     rows, columns = z.shape
     falls = np.array([
         (z - padded[1 + dy:1 + dy + rows, 1 + dx:1 + dx + columns]) / np.hypot(dx, dy)
@@ -168,16 +184,20 @@ def odd_ways(z):
 
 
 def pyflwdir_runs(z, times):
+    import numpy as np
     import pyflwdir
 
     run = lambda part: pyflwdir.dem.fill_depressions(part, outlets="edge", nodata=-9999.0)
     drain = lambda d8: pyflwdir.from_array(d8, ftype="d8", check_ftype=False).upstream_area()
+    known = np.isfinite(z)
+    z = np.where(known, z, np.float32(-9999))
     if "pyflwdir" not in times.get("fill, D8", {}):
         drain(run(z[:64, :64])[1])  # numba compiles on the first call
     (fill, d8), *fill_time = timed(lambda: run(z))
     _, *area_time = timed(lambda: drain(d8))
     add(times, "fill, D8", "pyflwdir", [fill_time, area_time])
-    return fill, None, None
+    # Its ways are those of its flood, which need not be the steepest: areas are not compared.
+    return np.where(known, fill, np.float32(np.nan)), None, None
 
 
 def whitebox_runs(z, times):
@@ -210,42 +230,42 @@ def compare(arguments, folder, path):
     import numpy as np
     import rasterio
 
-    with rasterio.open(path) as file:
-        z = file.read(1).astype("float32")
-        is_in_degrees = file.crs.is_geographic if file.crs else abs(file.transform.a) < 0.1
-    if is_in_degrees:
-        print(f"{path}: left out, since ours brings degrees to metres and peers do not")
-        return True
-    runs = {"topotoolbox": topotoolbox_runs, "pyflwdir": pyflwdir_runs,
-            "whitebox_workflows": whitebox_runs}
-    if present("whitebox_workflows"):
+    z = read_model(path)
+    known = np.isfinite(z)
+    is_whole = bool(known.all())
+    model = write_model(folder, z)
+    runs = {"topotoolbox": topotoolbox_runs, "pyflwdir": pyflwdir_runs}
+    if present("whitebox_workflows") and is_whole:
         import whitebox_workflows
-        # It writes beside the file that it takes the georeference from.
-        WHITEBOX["model"] = whitebox_workflows.WbEnvironment().read_raster(write_model(folder, z))
+        runs["whitebox_workflows"] = whitebox_runs
+        WHITEBOX["model"] = whitebox_workflows.WbEnvironment().read_raster(model)
     times, found = {}, {}
     for _ in range(arguments.repeat):
-        ours(arguments.weald, path, times)
+        if is_whole:
+            ours(arguments.weald, model, times)
         for module, run in runs.items():
             if present(module):
                 found[module] = run(z, times)
     rows, columns = z.shape
-    print(f"\n{path}: {columns} x {rows} cells, medians of {arguments.repeat}, one thread")
-    for work, runs in times.items():
+    print(f"\n{path}: {columns} x {rows} cells, {known.size - known.sum()} of them without data; "
+          f"medians of {arguments.repeat}, one thread")
+    for work, runs in times.items() if is_whole else ():
         print(f"\n{work}")
         show(runs, "weald")
-    filled, area = layers_of_weald(arguments.weald, folder, path)
+    filled, area = layers_of_weald(arguments.weald, folder, model)
     # Water spills at the height of some cell, so an exact filling has no other heights.
-    is_exact = lambda fill: bool(np.isin(fill, z).all())
-    agrees = is_exact(filled)
+    is_exact = lambda fill: bool(np.isin(fill[known], z[known]).all())
+    agrees = is_exact(filled) and bool((np.isnan(filled) == ~known).all())
     print(f"heights that ours fills to are heights of the raster: {agrees}")
     for name, (fill, peers_area, is_plain) in found.items():
-        apart = np.abs(fill - filled)
-        print(f"filled by {name}: {np.count_nonzero(apart)} of {fill.size} cells differ, by at most "
+        apart = np.abs(fill - filled)[known]
+        print(f"filled by {name}: {np.count_nonzero(apart)} of {apart.size} cells differ, by at most "
               f"{apart.max():.2g} m; heights are the raster's: {is_exact(fill)}")
         agrees &= not is_exact(fill) or apart.max() == 0
         if peers_area is not None:
             equal = np.round(area) == np.round(peers_area)
-            print(f"areas of {name}: equal in {equal.mean():.1%} of all cells, and in "
+            is_plain &= known
+            print(f"areas of {name}: equal in {equal[known].mean():.1%} of all cells, and in "
                   f"{np.count_nonzero(equal & is_plain)} of the {np.count_nonzero(is_plain)} whose "
                   "water passes no level ground and no fork")
             agrees &= bool(equal[is_plain].all())

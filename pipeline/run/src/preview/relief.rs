@@ -115,8 +115,13 @@ fn relief_color(
     if here.is_nan() {
         return NO_GROUND;
     }
-    let east = (altitude(x + step, y) - altitude(x - step, y)) / (2.0 * step) as f32;
-    let north = (altitude(x, y + step) - altitude(x, y - step)) / (2.0 * step) as f32;
+    // Beside a hole the ground is drawn as if it went on level.
+    let rise = |a: f32, b: f32| {
+        let known = |z: f32| if z.is_nan() { here } else { z };
+        (known(a) - known(b)) / (2.0 * step) as f32
+    };
+    let east = rise(altitude(x + step, y), altitude(x - step, y));
+    let north = rise(altitude(x, y + step), altitude(x, y - step));
     // Prairie relief is gentle: slopes are drawn three times as steep as they are.
     let (dx, dy) = (-3.0 * east, -3.0 * north);
     let length = (dx * dx + dy * dy + 1.0).sqrt();

@@ -73,10 +73,9 @@ fn drains(width: usize, height: usize, altitude: &[f32], level: &[f32]) -> Vec<u
     // Level ground: on the rim it drains at once, inside it waits for a neighbour.
     toward.par_chunks_mut(width.max(1)).enumerate().for_each(|(row, line)| {
         if row > 0 && row + 1 < height && width > 2 {
-            for column in 1..width - 1 {
-                let cell = row * width + column;
-                if line[column] == OUT && !is_beside_hole(width, level, cell) {
-                    line[column] = DRY;
+            for (column, code) in line.iter_mut().enumerate().take(width - 1).skip(1) {
+                if *code == OUT && !is_beside_hole(width, level, row * width + column) {
+                    *code = DRY;
                 }
             }
         }

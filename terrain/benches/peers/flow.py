@@ -95,7 +95,8 @@ def write_model(folder, z):
     import rasterio
 
     rows, columns = z.shape
-    transform = rasterio.transform.from_origin(0, rows * CELL, CELL, CELL)
+    # On the meridian of zone 13, 40 degrees north.
+    transform = rasterio.transform.from_origin(500_000, 4_427_757 + rows * CELL, CELL, CELL)
     # Whitebox remembers what it has read by its name.
     path = os.path.join(folder, f"model-{len(os.listdir(folder))}.tif")
     with rasterio.open(path, "w", driver="GTiff", width=columns, height=rows, count=1, nodata="nan",

@@ -6,6 +6,7 @@
 //! leaves over their outlets; beds there wait until the outlet is low enough. **Slopes** creep as
 //! heat spreads [Culling60]. **Falling rock** rests at its angle of repose [Musgrave89].
 
+use crate::area;
 use crate::flow::{self, OUT, STEPS};
 use crate::lattice::Lattice;
 use crate::resample::{by_row, gaussian};
@@ -65,7 +66,7 @@ impl Erode {
         let mut flood = flow::fill(width, height, ground);
         flow::drain_through_floors(width, ground, &mut flood);
         let directions = flow::directions(width, height, &flood);
-        let cells = flow::drained_cells(width, &directions);
+        let cells = area::drained_cells(width, &directions);
         let order = flow::upstream_first(width, &directions);
         for here in order.into_iter().rev().map(|here| here as usize) {
             let direction = directions[here];
@@ -234,7 +235,7 @@ mod tests {
             let ground = erode.run(&lattice, &start);
             let flood = flow::fill(width, height, &ground);
             let directions = flow::directions(width, height, &flood);
-            let cells = flow::drained_cells(width, &directions);
+            let cells = area::drained_cells(width, &directions);
             let mut seen = 0;
             for (here, &direction) in directions.iter().enumerate().filter(|(_, d)| **d < OUT) {
                 let fall = ground[here] - ground[flow::neighbor(here, direction, width)];

@@ -8,6 +8,7 @@
 //! All lengths are metres in scene coordinates (from the terrain's south-west corner), never
 //! cells, so that the same list shapes a coarse grid and a finer patch around a view alike.
 
+pub mod area;
 mod breach;
 mod config;
 pub mod derive;

@@ -4,6 +4,7 @@
 //! soft over `falloff` in their own unit, shapes over `feather` metres, both outwards, along the
 //! same spline.
 
+use crate::area;
 use crate::derive;
 use crate::flow;
 use crate::footprint::{Footprint, Outline};
@@ -495,7 +496,7 @@ impl Whole {
         }
         let Lattice { width, height, cell, .. } = *lattice;
         let flood = flow::fill(width, height, altitude);
-        let cells = flow::drained_cells(width, &flow::directions(width, height, &flood));
+        let cells = area::drained_cells(width, &flow::directions(width, height, &flood));
         let area = |index: usize| f64::from(cells[index]) * cell * cell;
         let wetness = derive::from_gradient(width, height, cell, altitude, |index, gradient| {
             derive::wetness(area(index), cell, gradient.tangent())

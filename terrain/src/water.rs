@@ -1,5 +1,6 @@
 //! Open water and soil water, and all the layers that a terrain hands on.
 
+use crate::area;
 use crate::config::{Config, Water};
 use crate::derive;
 use crate::flow::{self, Flood};
@@ -48,7 +49,7 @@ pub(crate) fn settle(
     flow::drain_through_floors(width, &drained, &mut flood);
     drop(drained);
     let directions = flow::directions(width, height, &flood);
-    let cells = flow::drained_cells(width, &directions);
+    let cells = area::drained_cells(width, &directions);
     let upslope_area = cells.iter().map(|cells| (f64::from(*cells) * cell * cell) as f32).collect();
     progress.advance(1);
     check_cancelled(progress)?;

@@ -7,7 +7,7 @@ use std::path::Path;
 use weald_contract::{Crs, Frame, Grid, Image, Raster, Seed, Silent};
 use weald_terrain::disperse::{self, Dispersion, MULTIPLE_EXPONENT};
 use weald_terrain::sun::Relief;
-use weald_terrain::{Config, Editor, derive, fill, flow, suction, sun};
+use weald_terrain::{Config, Editor, area, derive, fill, flow, suction, sun};
 
 /// Cells up to which light and the whole stack are measured: they need more memory, and minutes,
 /// and grow as the area does.
@@ -46,7 +46,7 @@ fn chain(size: &Size, given: impl FnMut() -> Result<Grid>) -> Result<Figure> {
         let mut flood = flow::fill(width, height, &values);
         drop(values);
         let directions = flow::directions(width, height, &flood);
-        let largest = flow::drained_cells(width, &directions).into_iter().max();
+        let largest = area::drained_cells(width, &directions).into_iter().max();
         drop(directions);
         let ones = vec![1.0; width * height];
         let areas = disperse::accumulate(width, height, &flood, Dispersion::Infinite, ones);
@@ -74,7 +74,7 @@ fn drainage(size: &Size, grid: &Grid) -> Result<Vec<Figure>> {
     let raised = flood.level.iter().zip(altitude).map(|(a, b)| f64::from(*a) - f64::from(*b)).sum();
     let (down, largest) = best(size, || {
         let directions = flow::directions(width, height, &flood);
-        Ok(flow::drained_cells(width, &directions).into_iter().max().unwrap_or(0))
+        Ok(area::drained_cells(width, &directions).into_iter().max().unwrap_or(0))
     })?;
     let spread = |dispersion| {
         let ones = || vec![1.0; width * height];

@@ -1,14 +1,16 @@
 #!/usr/bin/env python3
-"""Draws terrain-masks.png and terrain-levels.png of docs/terrain.md.
+"""Draws terrain-masks.png, terrain-levels.png and terrain-layers.png of docs/terrain.md.
 
-    pip install pillow rasterio
+    pip install numpy pillow rasterio
     python docs/images/terrain.py target/release/weald
 """
+import json
 import pathlib
 import subprocess
 import sys
 import tempfile
 
+import numpy
 import rasterio
 from PIL import Image, ImageDraw
 
@@ -18,6 +20,7 @@ GROUND = """
 [terrain]
 source = "{dem}"
 crop = [150, 110, 390, 290]
+layers = {layers}
 [[terrain.op]]
 op = "smooth"
 radius = 1.0
@@ -48,6 +51,15 @@ OPERATORS = {
     "translate": 'op = "translate"\nby = [50, -30]',
     "breach": 'op = "breach"\nmax_depth = 6\nmax_length = 200',
 }
+LAKE = '[[terrain.op]]\nop = "lake"\nat = [140, 95]\nlevel = 381.6\n'
+LAYERS = ["altitude", "filled", "water_depth", "slope", "aspect", "northness", "eastness",
+          "normal_east", "normal_north", "normal_up", "curvature_plan", "curvature_profile", "upslope_area", "specific_catchment_area", "wetness",
+          "wetness_suction", "height_above_drainage", "soil_moisture", "soil_water", "soil_depth",
+          "insolation", "sky_view", "heat_load", "temperature"]
+# Layers of areas span many powers of ten.
+LOGARITHMIC = ["upslope_area", "specific_catchment_area"]
+# From dark blue over green to yellow.
+RAMP = [(35, 25, 90), (30, 95, 140), (50, 150, 130), (140, 195, 90), (250, 230, 60)]
 # An L of two wings, Y up, 16 m by 12 m.
 HOUSE = "\n".join(
     ["v %g 0 %g" % corner for corner in
@@ -66,13 +78,13 @@ def sheet(tiles, columns, path):
     whole.quantize(200).save(path, optimize=True)
 
 
-def terrain(weald, folder, name, text):
+def terrain(weald, folder, name, text, layers=()):
     """Preview of a terrain, and its folder of layers."""
     dem = HERE.parents[1] / "scenes/pond/inputs/lidar_dem.tif"
-    scene, layers = folder / f"{name}.toml", folder / name
-    scene.write_text(GROUND.format(dem=dem) + text)
-    subprocess.run([weald, "terrain", scene, "-o", layers, "-q"], check=True)
-    return Image.open(folder / f"{name}.png").convert("RGB"), layers
+    scene, made = folder / f"{name}.toml", folder / name
+    scene.write_text(GROUND.format(dem=dem, layers=json.dumps(layers)) + text)
+    subprocess.run([weald, "terrain", scene, "-o", made, "-q"], check=True)
+    return Image.open(folder / f"{name}.png").convert("RGB"), made
 
 
 def mask(weald, folder, name, condition):
@@ -87,6 +99,19 @@ def mask(weald, folder, name, condition):
     return Image.composite(red, gray, weight)
 
 
+def layer(folder, name):
+    """A layer from its lowest to its highest values, but for one in a hundred at each end."""
+    with rasterio.open(folder / f"{name}.tif") as file:
+        values, unit = file.read(1), file.units[0]
+    low, high = numpy.percentile(values, [1, 99])
+    scale = numpy.log if name in LOGARITHMIC else lambda value: value
+    share = (scale(values.clip(low, high)) - scale(low)) / max(scale(high) - scale(low), 1e-9)
+    stops = numpy.linspace(0, 1, len(RAMP))
+    color = [numpy.interp(share, stops, channel) for channel in zip(*RAMP)]
+    picture = Image.fromarray(numpy.stack(color, axis=-1).astype("uint8"))
+    return f"{name}: {low:.3g} to {high:.3g} {unit}", picture
+
+
 def main(weald):
     with tempfile.TemporaryDirectory() as folder:
         folder = pathlib.Path(folder)
@@ -98,6 +123,9 @@ def main(weald):
         forms = [(name, terrain(weald, folder, name, f"[[terrain.op]]\n{text}\n")[0])
                  for name, text in OPERATORS.items()]
         sheet(forms, 3, HERE / "terrain-levels.png")
+        wanted = [name for name in LAYERS if "normal" not in name] + ["normal"]
+        _, layers = terrain(weald, folder, "layers", LAKE, wanted)
+        sheet([layer(layers, name) for name in LAYERS], 4, HERE / "terrain-layers.png")
 
 
 main(pathlib.Path(sys.argv[1]).resolve())

@@ -243,8 +243,10 @@ mod tests {
                 let area = f64::from(cells[here]) * cell * cell;
                 let expected =
                     (erode.uplift / erode.erodibility).powf(1.0 / slope_exponent) * area.powf(-0.5);
-                // Heights of some hundred metres in single precision leave 1e-4 of a slope.
-                assert!((slope / expected - 1.0).abs() < 2e-3, "{slope} {expected}");
+                // Both heights are rounded to single precision, now and in the step before.
+                let rounding = f64::from(ground[here] * f32::EPSILON / fall);
+                let apart = (slope / expected - 1.0).abs();
+                assert!(apart < 1e-4 + 2.0 * rounding, "{slope} {expected}, rounding {rounding}");
                 seen += 1;
             }
             assert!(seen > 1000);

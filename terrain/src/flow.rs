@@ -512,6 +512,21 @@ mod tests {
     }
 
     #[test]
+    fn a_walled_bowl_fills_to_the_ground_inside_its_gap() {
+        // Level and volume, m and cells times m, are those of other programs' filling of it.
+        let mut bowl = grid(65, 65, |x, y| {
+            let (dx, dy) = (x as f64 - 32.0, y as f64 - 32.0);
+            let is_wall = x == 0 || y == 0 || x == 64 || y == 64;
+            if is_wall { 120.0 } else { 100.0 - 50.0 * libm::exp(-(dx * dx + dy * dy) / 100.0) }
+        });
+        bowl[32 * 65 + 64] = 90.0;
+        let flood = fill(65, 65, &bowl);
+        assert_eq!(flood.level[32 * 65 + 32], 99.99665);
+        let water = flood.level.iter().zip(&bowl).map(|(a, b)| f64::from(*a) - f64::from(*b));
+        assert!((water.sum::<f64>() - 15_696.80).abs() < 0.01);
+    }
+
+    #[test]
     fn hollows_in_hollows_and_plateaus_drain_completely() {
         let z = |x: usize, y: usize| ((x / 3 * 7 + y / 4 * 5) % 11) as f64;
         let altitude = grid(50, 40, z);

@@ -287,6 +287,52 @@ fn holes_that_are_kept_are_holes_in_every_layer_and_change_drainage_alone() {
 }
 
 #[test]
+fn local_operators_shape_coarse_and_fine_grids_alike() {
+    // Smooth ground, 200 m by 150 m, on a metre; its cells of 0.5 m and 5 m are interpolated.
+    let frame = Frame { width: 200, height: 150, cell: 1.0, west: 3000.0, south: 9000.0 };
+    let hills = |x: f64, y: f64| (100.0 + 4.0 * (x * 0.04).sin() + 3.0 * (y * 0.05).cos()) as f32;
+    let raster = Raster { grid: Grid::from_fn(frame, hills), crs: Crs::default() };
+    let operators = [
+        "op = \"offset\"\nby = 3\nmask = { disc = { at = [100, 70], radius = 30 }, feather = 30 }",
+        "op = \"scale\"\nfactor = 1.5\nabout = 100",
+        "op = \"clamp\"\nlow = 98\nhigh = 103",
+        "op = \"curve\"\npoints = [[90, 90], [100, 97], [110, 110]]",
+        "op = \"terrace\"\nstep = 4\nsharpness = 0.3",
+        "op = \"translate\"\nby = [20, -15]",
+        "op = \"flatten\"\naltitude = 101\nmask = { line = { points = [[20, 20], [150, 110]], \
+         width = 20 }, feather = 25 }",
+        "op = \"noise\"\namplitude = 3\nwavelength = 80\noctaves = 1",
+        "op = \"hill\"\nat = [90, 80]\nradius = 50\nheight = 6",
+        "op = \"crater\"\nat = [90, 80]\nradius = 40\ndepth = 5\nrim = 1\nfalloff = 30",
+        "op = \"stream\"\npoints = [[30, 75], [170, 75]]\nwidth = 20\ndepth = 2\nfalloff = 25",
+        "op = \"road\"\npoints = [[30, 75], [170, 75]]\nwidth = 20\nfalloff = 25\nmax_grade = 0.3",
+        "op = \"smooth\"\nradius = 12",
+    ];
+    for operator in operators {
+        let made = |cell: f64| {
+            let text = format!("source = \"d\"\ncell = {cell}\n[[op]]\n{operator}");
+            build(&config(&text), &raster, &BTreeMap::new(), &[], Seed(7), &Silent).unwrap()
+        };
+        let (fine, coarse) = (made(0.5), made(5.0));
+        let heights = coarse.values("altitude").unwrap();
+        let apart = |index: usize| {
+            let (x, y) =
+                coarse.frame.center(index % coarse.frame.width, index / coarse.frame.width);
+            (fine.sample("altitude", x, y).unwrap() - heights[index]).abs()
+        };
+        // What is uncovered, and the rim, follow the outermost cells, which lie elsewhere.
+        let inside = |index: &usize| {
+            let (column, row) = (index % coarse.frame.width, index / coarse.frame.width);
+            (6..coarse.frame.width - 6).contains(&column)
+                && (6..coarse.frame.height - 6).contains(&row)
+        };
+        let worst = (0..heights.len()).filter(inside).map(apart).fold(0.0, f32::max);
+        // Interpolation of this ground on 5 m errs by at most h² z″ / 8.
+        assert!(worst < 5.0 * 5.0 * 0.0139 / 8.0, "{worst} m by {operator}");
+    }
+}
+
+#[test]
 fn ground_that_cannot_be_used_is_refused_with_the_way_out() {
     let text = "source = \"dem.tif\"";
     let changed = |change: &dyn Fn(&mut Raster)| {

@@ -58,8 +58,8 @@ fn marked(holes: &Grid, frame: &Frame) -> Vec<bool> {
 /// Most cells of a terrain: more would need over 10 GB at [`BYTES_PER_CELL`].
 const MAX_CELLS: f64 = 1.34e8;
 
-/// Memory at the widest point: layers, water and what the stack holds, measured roughly.
-const BYTES_PER_CELL: f64 = 80.0;
+/// Memory at the widest point: layers, water and what the stack holds, measured.
+const BYTES_PER_CELL: f64 = 82.0;
 
 /// Fewest cells along a side: slopes need a cell on both sides.
 const MIN_SIDE: usize = 3;

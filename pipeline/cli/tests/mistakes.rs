@@ -137,6 +137,24 @@ fn absurd_sizes_are_refused_before_work() {
     assert!(!tiny.path("out/terrain").exists());
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn a_terrain_beyond_the_memory_of_the_process_is_refused_before_work() {
+    let tiny = Tiny::new();
+    // 64 million cells take 5 GB; the process may have 4.
+    let script = format!(
+        "ulimit -v 4000000; exec {} terrain scene -o out --set terrain.cell=0.008",
+        env!("CARGO_BIN_EXE_weald")
+    );
+    let mut command = std::process::Command::new("sh");
+    command.args(["-c", &script]).current_dir(tiny.path(""));
+    let output = command.output().expect("a shell");
+    let told = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    assert!(told.contains("GB") && told.contains("`cell`"), "{told}");
+    assert!(!tiny.path("out").exists());
+}
+
 #[test]
 fn a_density_of_another_shape_is_refused_at_its_field() {
     let tiny = Tiny::new();

@@ -10,10 +10,10 @@ use serde::Serialize;
 use std::fmt;
 use std::path::Path;
 use weald_contract::table::Tagged;
-use weald_contract::{InputKind, Problem, Problems};
+use weald_contract::{Frame, InputKind, Problem, Problems};
 
-/// Memory of a terrain cell while it is made: nine layers, as many temporaries, 4 bytes each.
-const BYTES_A_CELL: u64 = 72;
+/// Memory of a terrain cell while it is made, with water and the usual layers, measured: 81 bytes.
+const BYTES_A_CELL: u64 = 82;
 /// Memory of a plant through ecosim and quantize: its row, its feature, its instance.
 const BYTES_A_PLANT: u64 = 200;
 /// Memory of a plant in the renderer: a node of the tree and a placement.
@@ -115,12 +115,38 @@ fn cells(scene: &Scene) -> Result<(u64, f64)> {
         })?
         .grid
         .frame;
-    let area = frame.len() as f64 * frame.cell_area();
+    let area = area(scene, &frame);
     let cell = scene.terrain.cell.as_ref().map_or(frame.cell, |cell| cell.value);
     let whole = area / (cell * cell);
     let patches: f64 =
         scene.terrain.detail.iter().map(|d| (2.0 * d.radius / d.cell.value).powi(2)).sum();
     Ok(((whole + patches).min(u64::MAX as f64) as u64, area))
+}
+
+/// Area of the part of the elevation model that is kept, m².
+fn area(scene: &Scene, frame: &Frame) -> f64 {
+    let [width, height] = [frame.width, frame.height].map(|cells| cells as f64 * frame.cell);
+    let crop = scene.terrain.crop.as_ref().map_or([0.0, 0.0, width, height], |crop| crop.value);
+    let within = |low: f64, high: f64, all: f64| high.min(all) - low.max(0.0);
+    within(crop[0], crop[2], width).max(0.0) * within(crop[1], crop[3], height).max(0.0)
+}
+
+/// A terrain that the machine cannot hold is an error before work, when it is made alone as well.
+pub(crate) fn refuse_too_large_terrain(scene: &Scene, elevation: &Frame) -> Result<()> {
+    let cell = scene.terrain.cell.as_ref().map_or(elevation.cell, |cell| cell.value);
+    let cells = area(scene, elevation) / (cell * cell);
+    let needed = cells * BYTES_A_CELL as f64;
+    match memory_of_machine() {
+        Some(available) if needed > available as f64 => Err(Error::plain(
+            format!(
+                "a terrain of {cells:.0} cells needs about {}, and this process may use {}",
+                bytes_in_words(needed as u64),
+                bytes_in_words(available)
+            ),
+            "in `[terrain]`, enlarge `cell`, or keep a part by `crop`",
+        )),
+        _ => Ok(()),
+    }
 }
 
 /// Upper bound of the plants that the steps place on an area, m².
@@ -178,7 +204,7 @@ fn refuse_too_large(scene: &Scene, certain: u64, estimate: &Estimate) -> Result<
     let [width, height] = scene.render.resolution;
     Err(Error::plain(
         format!(
-            "ground and picture would need about {}, and the machine has {}",
+            "ground and picture would need about {}, and this process may use {}",
             bytes_in_words(certain),
             bytes_in_words(available)
         ),
@@ -190,12 +216,18 @@ fn refuse_too_large(scene: &Scene, certain: u64, estimate: &Estimate) -> Result<
     ))
 }
 
-/// Memory of the machine, bytes, where the system tells it.
+/// Memory that this process may use, bytes, where the system tells it: the machine's, or less when
+/// its group or its address space is limited.
 fn memory_of_machine() -> Option<u64> {
-    let text = std::fs::read_to_string("/proc/meminfo").ok()?;
-    let line = text.lines().find(|line| line.starts_with("MemTotal:"))?;
-    let kilobytes: u64 = line.split_whitespace().nth(1)?.parse().ok()?;
-    Some(kilobytes * 1024)
+    let number = |file: &str, start: &str, place: usize| -> Option<u64> {
+        let text = std::fs::read_to_string(file).ok()?;
+        let line = text.lines().find(|line| line.starts_with(start))?;
+        line.split_whitespace().nth(place)?.parse().ok()
+    };
+    let machine = number("/proc/meminfo", "MemTotal:", 1).map(|kilobytes| kilobytes * 1024);
+    let group = number("/sys/fs/cgroup/memory.max", "", 0);
+    let space = number("/proc/self/limits", "Max address space", 3);
+    [machine, group, space].into_iter().flatten().min()
 }
 
 /// Bytes as people say them.

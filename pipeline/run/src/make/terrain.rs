@@ -1,6 +1,7 @@
 //! Terrain: elevation model and masks to a folder of layers.
 
 use super::{Made, at_field, images, make_folder, stage_error, stage_seed};
+use crate::check::refuse_too_large_terrain;
 use crate::error::{Error, Result};
 use crate::parameters::places_named;
 use crate::preview;
@@ -65,6 +66,7 @@ fn layers(scene: &Scene, progress: &dyn Progress) -> Result<Layers> {
         return Err(Error::plain("the scene names no elevation model", "set `terrain.source`"));
     };
     let elevation = scene.read_elevation(&source.path).map_err(at_field(scene, &source.input))?;
+    refuse_too_large_terrain(scene, &elevation.grid.frame)?;
     let images = images(scene, &scene.terrain_inputs)?;
     let views = places_named(scene, &scene.terrain);
     let seed = stage_seed(scene, stage);

@@ -19,6 +19,8 @@ weald_contract::words! {
         /// Steps until they settle, swaps that merge and split, and several starts where there
         /// are few clusters; exact when one number varies.
         Best = "best",
+        /// Each row for itself, whatever the number asked for: what others are measured against.
+        Exact = "exact",
     }
 }
 
@@ -150,7 +152,8 @@ fn number_from_zero(labels: &mut [u32]) -> usize {
     used as usize
 }
 
-/// Clusters the rows of a table into at most `k` clusters (at least one, if there are rows).
+/// Clusters the rows of a table into at most `k` clusters (at least one, if there are rows); with
+/// [`Mode::Exact`] each row is one.
 ///
 /// Fewer result when fewer distinct rows carry weight. Rows without weight belong to a cluster,
 /// but pull at no centre. The same rows in another order give the same clusters, and so does any
@@ -162,11 +165,15 @@ pub fn cluster(table: &Table, k: usize, mode: Mode) -> Codebook {
 /// [`cluster`], and the rows in an order that depends on their content alone: sums taken along it
 /// are those of any permutation of the table.
 pub(crate) fn cluster_in_order(table: &Table, k: usize, mode: Mode) -> (Codebook, Vec<u32>) {
+    let samples = Samples::of(table);
     let exact_column = match mode {
+        Mode::Exact => {
+            let labels = (0..table.len() as u32).collect();
+            return (Codebook::of_labels(table, &samples.order, labels), samples.order);
+        }
         Mode::Paper => None,
         Mode::Fast | Mode::Best => exact::column(table, k),
     };
-    let samples = Samples::of(table);
     if let Some(column) = exact_column {
         let labels = exact::labels(table, column, k);
         return (Codebook::of_labels(table, &samples.order, labels), samples.order);
@@ -174,7 +181,7 @@ pub(crate) fn cluster_in_order(table: &Table, k: usize, mode: Mode) -> (Codebook
     let partition = match mode {
         Mode::Paper => split_samples(&samples, k),
         Mode::Fast => fast(&samples, k),
-        Mode::Best => search(&samples, k),
+        Mode::Best | Mode::Exact => search(&samples, k),
     };
     (Codebook::of_samples(table, &samples, &partition.labels), samples.order)
 }

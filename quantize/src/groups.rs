@@ -4,7 +4,7 @@
 //! species are worked from the outermost inwards, so that a patch inside patches is known, with
 //! the number of times it will be seen, before it is quantized itself.
 
-use crate::codebook::cluster;
+use crate::codebook::{Mode, cluster};
 use crate::features::Traits;
 use crate::neighbours::{Spot, vary};
 use crate::palette::{Place, Standing};
@@ -230,7 +230,11 @@ impl Patches {
         let mut rank = vec![0; book.len()];
         by_vigor.iter().enumerate().for_each(|(place, label)| rank[*label] = place);
 
-        let variants = u64::from(config.group_variants.max(1));
+        // A patch of its own has no others of its kind.
+        let variants = match config.mode {
+            Mode::Exact => 1,
+            _ => u64::from(config.group_variants.max(1)),
+        };
         let choice = |(place, label): (&Standing, &u32)| {
             (rank[*label as usize], place.place.stream(seed, name).below(variants))
         };

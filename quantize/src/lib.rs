@@ -64,7 +64,8 @@ weald_contract::table! {
         representatives: u32 = 8, in 1.0..=1000000.0;
         /// Plant models grown in all; species share them by what each model gains.
         budget: Option<u32> = None, in 1.0..=1000000.0;
-        /// `paper` splits only, `fast` adds three steps of refinement, `best` searches on.
+        /// `paper` splits only, `fast` adds three steps of refinement, `best` searches on; `exact`
+        /// grows a model for every plant.
         mode: Mode = Mode::Fast;
         /// Models are added to a species until no plant's height differs from its model's by more
         /// than this part, before it is scaled.

@@ -4,6 +4,17 @@ use proptest::prelude::*;
 use weald_contract::Seed;
 use weald_quantize::{Codebook, Mode, Table, cluster, refine, split};
 
+#[test]
+fn exact_keeps_every_row_for_itself() {
+    let table = Table::new(vec![1.0, 5.0, 5.0, 2.0], 1, vec![1.0, 1.0, 0.0, 2.0]).unwrap();
+    let book = cluster(&table, 2, Mode::Exact);
+    assert_eq!(
+        (book.labels.clone(), book.centres.clone()),
+        (vec![0, 1, 2, 3], vec![1.0, 5.0, 5.0, 2.0])
+    );
+    assert_eq!(book.distortion(&table), 0.0);
+}
+
 const MODES: [Mode; 3] = [Mode::Paper, Mode::Fast, Mode::Best];
 
 /// Reads numbers of chosen columns from a CSV with a header.

@@ -248,7 +248,7 @@ fn the_same_bytes_for_one_thread_and_two_and_any_order_of_plants() {
 
 #[test]
 fn nothing_one_plant_and_plants_of_no_height_are_populations_too() {
-    for mode in [Mode::Paper, Mode::Fast, Mode::Best] {
+    for mode in [Mode::Paper, Mode::Fast, Mode::Best, Mode::Exact] {
         let config = Config { mode, ..Config::default() };
         let none = run(&config, &Population::default()).unwrap();
         assert!(none.palette.representatives.is_empty() && none.instances.is_empty());
@@ -261,6 +261,20 @@ fn nothing_one_plant_and_plants_of_no_height_are_populations_too() {
         let seeds = run(&config, &seeds).unwrap();
         assert!(seeds.instances.scale.iter().all(|scale| scale.is_finite() && *scale > 0.0));
     }
+}
+
+#[test]
+fn exact_gives_every_plant_a_model_as_it_is() {
+    let plants = population(300, &["oak"], &meadow());
+    let exact = run(&Config { mode: Mode::Exact, ..Config::default() }, &plants).unwrap();
+    let models = &exact.palette.representatives;
+    assert_eq!(models.len(), plants.len());
+    for (row, plant) in plants.plants.iter().enumerate() {
+        let model = &models[exact.instances.prototype[row] as usize - 1];
+        assert_eq!((model.age, model.vigor, model.height), (plant.age, plant.vigor, plant.height));
+        assert_eq!((exact.instances.scale[row], model.count), (1.0, 1));
+    }
+    assert!(exact.report.species.iter().all(|species| species.distortion < 1e-12));
 }
 
 #[test]

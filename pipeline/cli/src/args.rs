@@ -233,8 +233,10 @@ pub struct Quantize {
 /// A mode of quantization by its word.
 fn quantize_mode(word: &str) -> Result<weald_run::vectors::Mode, String> {
     use weald_run::vectors::Mode;
-    let found = [Mode::Paper, Mode::Fast, Mode::Best].into_iter().find(|mode| mode.word() == word);
-    found.ok_or_else(|| "the modes are paper, fast and best".to_string())
+    let found = [Mode::Paper, Mode::Fast, Mode::Best, Mode::Exact]
+        .into_iter()
+        .find(|mode| mode.word() == word);
+    found.ok_or_else(|| "the modes are paper, fast, best and exact".to_string())
 }
 
 /// What else `weald plants` does.

@@ -59,7 +59,7 @@ pub fn estimate(scene: &Scene, is_draft: bool) -> Result<Estimate> {
     let (cells, area) = cells(scene)?;
     let plants = plants_at_most(scene, area);
     refuse_unreadable(scene)?;
-    let models = models_at_most(scene);
+    let models = models_at_most(scene, plants);
     let config = render_config(scene, is_draft);
     let pixels = u64::from(config.resolution[0]) * u64::from(config.resolution[1]);
     let samples = pixels * u64::from(config.samples);
@@ -186,7 +186,10 @@ fn table_at<'a>(scene: &'a Scene, written: &str) -> Option<&'a Path> {
 }
 
 /// Models that the palette may hold.
-fn models_at_most(scene: &Scene) -> u64 {
+fn models_at_most(scene: &Scene, plants: u64) -> u64 {
+    if scene.quantize.mode == weald_quantize::Mode::Exact {
+        return plants;
+    }
     let with_form = scene.species.values().filter(|found| found.form.is_some()).count() as u64;
     let by_number = with_form * u64::from(scene.quantize.representatives);
     scene.quantize.budget.map_or(by_number, |budget| u64::from(budget).max(with_form))

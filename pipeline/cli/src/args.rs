@@ -224,8 +224,8 @@ pub struct Quantize {
     /// Any field of `[quantize]`: `--set mode=best`.
     #[arg(long, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
-    /// Folder for `palette.toml`, `instances.parquet` and `quantize.json`, or the table of
-    /// centres.
+    /// Folder for `palette.toml`, `instances.parquet`, `quantize.json` and two maps: which model
+    /// stands where, and how far heights are off. Or the table of centres.
     #[arg(long, short, value_name = "PATH", required_unless_present = "table", value_hint = ValueHint::AnyPath)]
     pub output: Option<PathBuf>,
 }

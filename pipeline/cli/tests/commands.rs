@@ -28,6 +28,8 @@ fn a_second_run_does_nothing_and_a_change_runs_what_it_touches() {
         "palette.toml",
         "instances.parquet",
         "quantize.json",
+        "quantize.png",
+        "quantize-error.png",
         "plants/0001.glb",
         "plants.png",
         "image.exr",

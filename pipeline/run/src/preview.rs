@@ -4,12 +4,14 @@
 //! populations, a contact sheet for plant models, the tone-mapped picture for renderings.
 
 mod dots;
+mod models;
 mod relief;
 mod sheet;
 mod sketch;
 mod stands;
 
 pub use dots::{Painted, draw_dots};
+pub use models::{draw_errors, draw_models};
 pub use relief::{
     MapScale, colors_by_name, draw_population, draw_relief, draw_relief_on, draw_view,
 };

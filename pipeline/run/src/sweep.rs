@@ -23,6 +23,9 @@ use weald_formats::{Column, Table};
 use weald_plants::Conditions;
 use weald_quantize::{Config, PartsReport, Quantized};
 
+/// Longer side of a map, pixels.
+const MAP_SIDE: usize = 480;
+
 /// Plants that are grown exactly for each row: enough for the mean to settle to about a
 /// hundredth, few enough to grow in seconds.
 const SAMPLE: usize = 48;
@@ -104,8 +107,8 @@ pub fn sweep(
         let models = work.models(&quantized)?;
         sweep.rows.push(work.row(*number, &quantized, &models, progress)?);
         for (name, sketch) in [
-            (format!("map-{number}.png"), map(&plants, &quantized, &|_, model| color(model))),
-            (format!("error-{number}.png"), error_map(&plants, &quantized)),
+            (format!("map-{number}.png"), preview::draw_models(&plants, &quantized, MAP_SIDE)),
+            (format!("error-{number}.png"), preview::draw_errors(&plants, &quantized, MAP_SIDE)),
             (format!("models-{number}.png"), sheet(&quantized, &models)),
         ] {
             let path = folder.join(name);
@@ -281,76 +284,6 @@ fn mean_likeness(all: &[Likeness]) -> Likeness {
     }
 }
 
-/// Longer side of a map, pixels, and the margin around its plants.
-const MAP_SIDE: f64 = 480.0;
-const MAP_MARGIN: f64 = 6.0;
-
-/// Crowns in the colours that `paint` gives a plant by its row and the number of its model, small
-/// ones above large ones; patches are left out.
-fn map(
-    plants: &Population,
-    quantized: &Quantized,
-    paint: &dyn Fn(usize, usize) -> [u8; 3],
-) -> Sketch {
-    let count = quantized.palette.representatives.len();
-    let model = |row: usize| (quantized.instances.prototype[row] as usize).checked_sub(1);
-    let mut rows: Vec<(usize, usize)> = (0..plants.len())
-        .filter_map(|row| Some((row, model(row)?)))
-        .filter(|(_, model)| *model < count)
-        .collect();
-    let plant = |row: usize| &plants.plants[row];
-    rows.sort_by(|(a, _), (b, _)| plant(*b).radius.total_cmp(&plant(*a).radius).then(a.cmp(b)));
-    let range = |of: fn(&Plant) -> f64| {
-        let all = rows.iter().map(|(row, _)| of(plant(*row)));
-        all.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], x| [low.min(x), high.max(x)])
-    };
-    let ([west, east], [south, north]) = (range(|plant| plant.x), range(|plant| plant.y));
-    // One plant has no extent, and none an infinite one: then a metre is shown.
-    let size = (east - west).max(north - south);
-    let pixels_per_metre = MAP_SIDE / if size.is_finite() && size > 0.0 { size } else { 1.0 };
-    let side = |low: f64, high: f64| {
-        ((high - low).max(0.0) * pixels_per_metre + 2.0 * MAP_MARGIN).ceil() as usize
-    };
-    let mut sketch = Sketch::filled(side(west, east), side(south, north), [245, 243, 236]);
-    for (row, model) in rows {
-        let Plant { x, y, radius, .. } = *plant(row);
-        let x = MAP_MARGIN + (x - west) * pixels_per_metre;
-        let y = MAP_MARGIN + (north - y) * pixels_per_metre;
-        // Crowns are drawn a little smaller, so that neighbours stay apart.
-        sketch.disc(x, y, 0.8 * f64::from(radius) * pixels_per_metre, paint(row, model), 1.0);
-    }
-    sketch
-}
-
-/// Difference of a plant's height from its model's, as a part of it, that is shown in full red.
-const FULL_ERROR: f64 = 0.4;
-
-/// Crowns from green, where the model is as high as its plant, over yellow to red.
-fn error_map(plants: &Population, quantized: &Quantized) -> Sketch {
-    let models = &quantized.palette.representatives;
-    map(plants, quantized, &|row, model| {
-        let part = f64::from(plants.plants[row].height) / f64::from(models[model].height);
-        let error = ((part - 1.0).abs() / FULL_ERROR).min(1.0);
-        let channel = |share: f64| (60.0 + 160.0 * share.clamp(0.0, 1.0)).round() as u8;
-        [channel(2.0 * error), channel(2.0 - 2.0 * error), 60]
-    })
-}
-
-/// A colour for a number; neighbouring numbers differ.
-///
-/// Hues follow the golden section, which spreads any number of them [Knuth98, section 6.4].
-fn color(number: usize) -> [u8; 3] {
-    let hue = (number as f64 * 0.618_033_988_749_895).fract() * 6.0;
-    // Three levels of brightness tell hues apart that have come close.
-    let value = [0.85, 0.6, 0.4][number % 3];
-    let channel = |shift: f64| {
-        let k = (hue + shift) % 6.0;
-        let part = 1.0 - 0.75 * k.min(4.0 - k).clamp(0.0, 1.0);
-        (255.0 * value * part).round() as u8
-    };
-    [channel(5.0), channel(3.0), channel(1.0)]
-}
-
 /// Models on a sheet at most, so that each is still seen.
 const SHEET_MODELS: usize = 64;
 
@@ -466,14 +399,5 @@ mod tests {
         let work = Work { config: Config::default(), plants: &plants, species: &species, seed: 1 };
         let quantized = Quantized { palette, instances, report: work.quantize(1).unwrap().report };
         assert_eq!(seen(&quantized), [15.0]);
-    }
-
-    #[test]
-    fn neighbouring_numbers_have_colours_that_differ() {
-        for number in 0..500 {
-            let pairs = color(number).into_iter().zip(color(number + 1));
-            let apart: i32 = pairs.map(|(a, b)| (i32::from(a) - i32::from(b)).abs()).sum();
-            assert!(apart > 80, "{number}: {apart}");
-        }
     }
 }

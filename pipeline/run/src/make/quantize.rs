@@ -3,6 +3,7 @@
 use super::{Made, make_folder, parent, stage_error, stage_seed, write_json};
 use crate::error::{Error, Result};
 use crate::parameters::quantize_species;
+use crate::preview;
 use crate::recipe::Stage;
 use crate::scene::Scene;
 use serde_json::{Value as Json, json};
@@ -11,6 +12,9 @@ use std::path::Path;
 use weald_contract::{Population, Progress, Seed, Sources};
 use weald_formats::Provenance;
 use weald_quantize::Quantized;
+
+/// Longer side of a map, pixels.
+const MAP_SIDE: usize = 1000;
 
 /// Quantize: plants to a palette and instances, both in `folder`.
 ///
@@ -52,7 +56,9 @@ impl Quantizing<'_> {
             .map_err(stage_error!(self.sources, Stage::Quantize, weald_quantize))
     }
 
-    /// Writes `palette.toml`, `instances.parquet` and `quantize.json` into `folder`.
+    /// Writes `palette.toml`, `instances.parquet` and `quantize.json` into `folder`, and maps of
+    /// which model stands where (`quantize.png`) and how far its height is off
+    /// (`quantize-error.png`).
     ///
     /// # Errors
     /// The population is damaged, the stage refuses, or the disk does.
@@ -79,6 +85,10 @@ impl Quantizing<'_> {
         let path = folder.join("quantize.json");
         write_json(&path, &json!({ "report": report, "provenance": provenance }))?;
         made.wrote(&path)?;
+        let models = preview::draw_models(&population, &quantized, MAP_SIDE);
+        made.preview(&folder.join("quantize.png"), &models, &provenance)?;
+        let errors = preview::draw_errors(&population, &quantized, MAP_SIDE);
+        made.preview(&folder.join("quantize-error.png"), &errors, &provenance)?;
         Ok(made)
     }
 }

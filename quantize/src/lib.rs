@@ -52,7 +52,8 @@ weald_contract::words! {
         Area = "area",
         /// All alike.
         Uniform = "uniform",
-        /// By how large the crown looks from `eye`: near plants get more of the palette.
+        /// By how large the crown looks from `eye`: near plants get more of the palette, and those
+        /// out of the picture less.
         View = "view",
     }
 }
@@ -72,8 +73,13 @@ weald_contract::table! {
         max_height_error: Option<f32> = None, in 0.001..=10.0;
         /// What makes a plant count for more.
         weights: Weights = Weights::Area;
-        /// Where plants are seen from when `weights = "view"`: map coordinates and altitude, m.
+        /// Where plants are seen from when `weights = "view"`: map coordinates and altitude, m. In a
+        /// scene the eye of the view that is rendered, unless it is given.
         eye: Option<[f64; 3]> = None, in -1e9..=1e9;
+        /// What the eye looks at, map coordinates, m; all around without it.
+        target: Option<[f64; 2]> = None, in -1e9..=1e9;
+        /// Horizontal angle that the picture shows around `target`, degrees.
+        fov_deg: f64 = 50.0, in 1.0..=360.0;
         /// Kinds of patch, by vigor, of each group species.
         group_representatives: u32 = 4, in 1.0..=10000.0;
         /// Different patches grown of each kind.
@@ -90,6 +96,8 @@ impl Default for Config {
             max_height_error: None,
             weights: Weights::Area,
             eye: None,
+            target: None,
+            fov_deg: 50.0,
             group_representatives: 4,
             group_variants: 8,
         }
@@ -128,12 +136,12 @@ impl Config {
     /// Finds what can be found wrong before any work: members of groups that are no species, and
     /// groups that contain themselves.
     pub fn check(&self, species: &BTreeMap<String, Species>) -> Problems {
-        let mut problems = groups::problems(species);
-        if self.weights == Weights::View && self.eye.is_none() {
-            let problem = Problem::new("`weights = \"view\"` needs to know where the eye is");
-            problems.push(problem.hint("add `eye = [x, y, altitude]` in map coordinates"));
-        }
-        problems
+        groups::problems(species)
+    }
+
+    /// Whether plants are weighted by how they look from an eye that is yet to be named.
+    pub fn lacks_eye(&self) -> bool {
+        self.weights == Weights::View && self.eye.is_none()
     }
 }
 

@@ -9,6 +9,7 @@ use crate::{Bytes, Config, Error, Quantized, budget};
 use glam::{DQuat, Quat};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
 use weald_contract::instances::Instance;
 use weald_contract::source::nearest;
 use weald_contract::{
@@ -51,10 +52,22 @@ pub(crate) struct Standing {
 /// A plant nearer to the eye than this counts as if it stood there, m.
 const NEAREST: f64 = 1.0;
 
-fn nearness(plant: &Plant, eye: Option<[f64; 3]>) -> f64 {
-    let Some([x, y, z]) = eye else { return 0.0 };
+/// How much plants out of the picture count beside those in it: their shadows and light still fall
+/// into it. (Ours.)
+const OUT_OF_PICTURE: f64 = 0.05;
+
+fn nearness(plant: &Plant, config: &Config) -> f64 {
+    let Some([x, y, z]) = config.eye else { return 0.0 };
     let apart = [plant.x - x, plant.y - y, f64::from(plant.z) - z];
-    1.0 / apart.iter().map(|d| d * d).sum::<f64>().max(NEAREST * NEAREST)
+    let nearness = 1.0 / apart.iter().map(|d| d * d).sum::<f64>().max(NEAREST * NEAREST);
+    let Some(target) = config.target else { return nearness };
+    let ahead = libm::atan2(target[1] - y, target[0] - x);
+    let aside = (libm::atan2(apart[1], apart[0]) - ahead + PI).rem_euclid(TAU) - PI;
+    // A crown is seen as soon as its edge is.
+    let distance = libm::hypot(apart[0], apart[1]);
+    let half = libm::asin((f64::from(plant.radius) / distance.max(1e-9)).min(1.0));
+    let is_seen = aside.abs() <= 0.5 * config.fov_deg.to_radians() + half;
+    if is_seen { nearness } else { OUT_OF_PICTURE * nearness }
 }
 
 /// See [`crate::quantize`].
@@ -69,7 +82,11 @@ pub(crate) fn build(
     if let Some(problem) = config.check(species).into_iter().next() {
         return Err(problem.into());
     }
-    let mut standing = standing_in_scene(population, species, config.eye)?;
+    if config.lacks_eye() {
+        let problem = Problem::new("`weights = \"view\"` needs to know where the eye is");
+        return Err(problem.hint("add `eye = [x, y, altitude]` in map coordinates").into());
+    }
+    let mut standing = standing_in_scene(population, species, config)?;
     let patches = groups::fill(config, population, species, &mut standing, seed)?;
     standing.retain(|_, plants| !plants.is_empty());
     progress.begin(
@@ -118,7 +135,7 @@ fn stop_if_asked(progress: &dyn Progress) -> Result<(), Error> {
 fn standing_in_scene(
     population: &Population,
     species: &BTreeMap<String, Species>,
-    eye: Option<[f64; 3]>,
+    config: &Config,
 ) -> Result<BTreeMap<String, Vec<Standing>>, Problem> {
     let mut by_index: Vec<Vec<Standing>> = vec![Vec::new(); population.species.len()];
     for (index, plant) in population.plants.iter().enumerate() {
@@ -132,7 +149,7 @@ fn standing_in_scene(
             )));
         };
         let place = Place::Scene { index, id: plant.id };
-        let nearness = nearness(plant, eye);
+        let nearness = nearness(plant, config);
         plants.push(Standing { place, traits: Traits::of_plant(plant), seen: 1.0, nearness });
     }
     let mut standing = BTreeMap::new();

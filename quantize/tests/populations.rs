@@ -382,6 +382,10 @@ fn plants_near_the_eye_are_nearer_to_their_models() {
     };
     let view = Config { weights: Weights::View, eye: Some(eye), ..Config::default() };
     assert!(error(&view) < error(&Config::default()));
+    // Looking the other way, the same plants are as far, but out of the picture.
+    let corner = [eye[0] - 1000.0, eye[1] - 1000.0];
+    let away = Config { target: Some(corner), ..view.clone() };
+    assert_ne!(run(&away, &plants).unwrap(), run(&view, &plants).unwrap());
     let blind = Config { eye: None, ..view };
     assert!(run(&blind, &plants).unwrap_err().to_string().contains("eye"));
 }

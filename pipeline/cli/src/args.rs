@@ -208,6 +208,9 @@ pub struct Quantize {
     /// Take `[quantize]` and species from this scene.
     #[arg(long, value_name = "SCENE", value_hint = ValueHint::AnyPath)]
     pub scene: Option<PathBuf>,
+    /// The scene's terrain, when `weights = "view"`: the eye of its view stands on it.
+    #[arg(long, value_name = "FOLDER", requires = "scene", value_hint = ValueHint::DirPath)]
+    pub terrain: Option<PathBuf>,
     /// Models grown of each species, or clusters of the table.
     #[arg(long, short = 'k', value_name = "NUMBER")]
     pub representatives: Option<u32>,
@@ -218,7 +221,7 @@ pub struct Quantize {
     /// and size: `--sweep 4,16,64`.
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',', conflicts_with_all = ["table", "scene", "representatives", "budget"], value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub sweep: Vec<u32>,
-    /// How long to improve: paper, fast or best [default: fast].
+    /// How long to improve: paper, fast, best or exact [default: fast].
     #[arg(long, value_name = "WORD", value_parser = quantize_mode)]
     pub mode: Option<weald_run::vectors::Mode>,
     /// Any field of `[quantize]`: `--set mode=best`.

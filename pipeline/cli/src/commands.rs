@@ -291,7 +291,7 @@ fn quantize_alone(arguments: &args::Quantize, global: &Global, shown: &Shown) ->
     };
     let set = set.into_iter().map(|field| format!("quantize.{field}")).collect();
     let scene = Scene::load(path, &Changes { set, seed: global.seed })?;
-    alone::quantize_in_scene(&scene, population, output, shown)
+    alone::quantize_in_scene(&scene, population, arguments.terrain.as_deref(), output, shown)
 }
 
 fn sweep(arguments: &args::Quantize, global: &Global) -> Result<ExitCode> {

@@ -96,19 +96,20 @@ pub fn quantize(
     quantizing.make(population, folder, story(Stage::Quantize, parameters, fields.seed), progress)
 }
 
-/// `weald quantize POPULATION --scene SCENE -o FOLDER`.
+/// `weald quantize POPULATION --scene SCENE [--terrain FOLDER] -o FOLDER`.
 ///
 /// # Errors
 /// See [`make::quantize`].
 pub fn quantize_in_scene(
     scene: &Scene,
     population: &Path,
+    terrain: Option<&Path>,
     folder: &Path,
     progress: &dyn Progress,
 ) -> Result<Made> {
     make::check_plants(population, &weald_formats::read_population(population)?, true)?;
     let story = scene_story(scene, Stage::Quantize, false)?;
-    make::quantize(scene, population, folder, story, progress)
+    make::quantize(scene, population, terrain, folder, story, progress)
 }
 
 /// `weald plants PALETTE --scene SCENE -o FOLDER`.

@@ -145,7 +145,9 @@ fn make_stage(
             make::ecosim(scene, &paths, story, progress)
         }
         Stage::Quantize => {
-            make::quantize(scene, &layout.population(), &layout.out, story, progress)
+            let terrain = layout.terrain();
+            let (plants, out) = (layout.population(), &layout.out);
+            make::quantize(scene, &plants, Some(&terrain), out, story, progress)
         }
         Stage::Plants => make::plants(scene, &layout.palette(), &layout.plants(), story, progress),
         Stage::Render => {

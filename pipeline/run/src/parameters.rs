@@ -145,7 +145,12 @@ pub fn parameters(scene: &Scene, stage: Stage, is_draft: bool) -> Json {
                 (name, canonical(&read))
             });
             let species = species.collect::<Map<_, _>>();
-            json!({ "quantize": canonical(&scene.quantize), "species": species })
+            let mut parameters =
+                json!({ "quantize": canonical(&scene.quantize), "species": species });
+            if scene.quantize.lacks_eye() {
+                parameters["view"] = canonical(&scene.wanted_view().ok());
+            }
+            parameters
         }
         Stage::Plants => {
             json!({ "plants": canonical(&scene.plants), "species": forms(&scene.species) })

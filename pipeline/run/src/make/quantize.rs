@@ -9,29 +9,59 @@ use crate::scene::Scene;
 use serde_json::{Value as Json, json};
 use std::collections::BTreeMap;
 use std::path::Path;
-use weald_contract::{Population, Progress, Seed, Sources};
+use weald_contract::{Population, Progress, Projection, Seed, Sources};
 use weald_formats::Provenance;
-use weald_quantize::Quantized;
+use weald_quantize::{Config, Quantized, Weights};
 
 /// Longer side of a map, pixels.
 const MAP_SIDE: usize = 1000;
 
-/// Quantize: plants to a palette and instances, both in `folder`.
+/// Quantize: plants to a palette and instances, both in `folder`. `terrain` is the folder of the
+/// terrain that a view stands on.
 ///
 /// # Errors
 /// The population is damaged, the stage refuses, or the disk does.
 pub fn quantize(
     scene: &Scene,
     population: &Path,
+    terrain: Option<&Path>,
     folder: &Path,
     provenance: Provenance,
     progress: &dyn Progress,
 ) -> Result<Made> {
     let seed = stage_seed(scene, Stage::Quantize);
     let species = quantize_species(scene);
+    let config = seen_by_view(scene, terrain)?;
     let quantizing =
-        Quantizing { config: &scene.quantize, species: &species, seed, sources: &scene.sources };
+        Quantizing { config: &config, species: &species, seed, sources: &scene.sources };
     quantizing.make(population, folder, provenance, progress)
+}
+
+/// The table, with the eye of the view that is rendered where plants are weighted by a view.
+fn seen_by_view(scene: &Scene, terrain: Option<&Path>) -> Result<Config> {
+    let mut config = scene.quantize.clone();
+    if !config.lacks_eye() {
+        return Ok(config);
+    }
+    let view = scene.wanted_view()?;
+    let Some(terrain) = terrain else {
+        return Err(Error::plain(
+            "`weights = \"view\"`: where the eye is hangs on the terrain below it",
+            "give its folder by `--terrain`, or `eye = [x, y, altitude]` in `[quantize]`",
+        ));
+    };
+    let sight = view.sight(&weald_formats::read_terrain(terrain)?);
+    config.eye = Some(sight.eye);
+    match view.projection {
+        Projection::Perspective => {
+            config.target = Some([sight.target[0], sight.target[1]]);
+            config.fov_deg = view.fov_deg;
+        }
+        Projection::Panorama => {}
+        // A plan shows near and far alike.
+        Projection::Orthographic => config.weights = Weights::Area,
+    }
+    Ok(config)
 }
 
 /// What quantize needs besides the population; a scene provides it, or the command line alone.

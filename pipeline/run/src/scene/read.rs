@@ -250,7 +250,8 @@ impl Reader {
         // A scene of nothing but ground needs no view until it is rendered.
         let is_seen =
             !scene.view.is_empty() || tree.as_table().is_some_and(|t| t.get("render").is_some());
-        let of_render = tables.render.iter().filter(|_| is_seen);
+        let is_weighed = tables.quantize.as_ref().is_some_and(weald_quantize::Config::lacks_eye);
+        let of_render = tables.render.iter().filter(|_| is_seen || is_weighed);
         let of_render = of_render.flat_map(|config| config.check(&scene.view));
         self.problems.extend(of_terrain.chain(of_render));
     }

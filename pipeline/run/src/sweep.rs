@@ -6,6 +6,7 @@
 //! the models.
 
 use crate::alone::{Fields, config_of, folder_of, story};
+use crate::analysis::plot;
 use crate::appearance::{Likeness, Shape, likeness};
 use crate::error::{Error, Result};
 use crate::make::{Quantizing, grow_one};
@@ -18,6 +19,7 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
+use weald_analyze::figure::{Figure, Series, Style};
 use weald_contract::{Plant, PlantModel, Population, Progress, Representative, Seed, Sources};
 use weald_formats::{Column, Table};
 use weald_plants::Conditions;
@@ -79,7 +81,7 @@ pub struct Sweep {
     pub files: Vec<PathBuf>,
 }
 
-/// Quantizes a population with each number of models a species and writes `sweep.csv`,
+/// Quantizes a population with each number of models a species and writes `sweep.csv`, a plot of it,
 /// `map-N.png`, `error-N.png` and `models-N.png` into `folder`.
 ///
 /// # Errors
@@ -119,6 +121,10 @@ pub fn sweep(
     }
     let path = folder.join("sweep.csv");
     weald_formats::write_table(&path, &table(&sweep.rows), &story)?;
+    sweep.files.push(path);
+    let path = folder.join("sweep.png");
+    let sketch = plot::draw(&figure(&sweep.rows));
+    weald_formats::write_png(&path, sketch.width, sketch.height, &sketch.rgb, &story)?;
     sweep.files.push(path);
     Ok(sweep)
 }
@@ -297,6 +303,31 @@ fn sheet(quantized: &Quantized, models: &[PlantModel]) -> Sketch {
         .map(|(plant, model)| (format!("{} {:.1} m", plant.id, plant.height), model))
         .collect();
     preview::contact_sheet(&named, 96)
+}
+
+/// Error of looks against bytes, with what individuals of equal age, vigor and size differ by.
+fn figure(rows: &[Row]) -> Figure {
+    let series = |label: &str, color, style, error: &dyn Fn(&Row) -> f64| Series {
+        label: label.into(),
+        points: rows.iter().map(|row| [row.bytes as f64 / 1e6, 100.0 * error(row).abs()]).collect(),
+        color,
+        style,
+    };
+    let [blue, orange, green] = [[0, 114, 178], [213, 94, 0], [0, 158, 115]];
+    Figure {
+        title: "Plants against their models".into(),
+        x_label: "models and instances, MB".into(),
+        y_label: "error, %".into(),
+        bands: Vec::new(),
+        series: vec![
+            series("outline", blue, Style::Line, &|row| 1.0 - row.likeness.silhouette_iou),
+            series("leaf area", orange, Style::Line, &|row| 1.0 - row.likeness.leaf_area),
+            series("height", green, Style::Line, &|row| 1.0 - row.likeness.height),
+            series("outline of individuals", blue, Style::Dashed, &|row| {
+                1.0 - row.individuals.silhouette_iou
+            }),
+        ],
+    }
 }
 
 fn table(rows: &[Row]) -> Table {

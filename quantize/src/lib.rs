@@ -65,6 +65,9 @@ weald_contract::table! {
         representatives: u32 = 8, in 1.0..=1000000.0;
         /// Plant models grown in all; species share them by what each model gains.
         budget: Option<u32> = None, in 1.0..=1000000.0;
+        /// Memory that models and instances may take together while they are rendered, GB. What a
+        /// model takes the caller knows: [`quantize_within`].
+        memory_gb: Option<f64> = None, in 0.001..=1000000.0;
         /// `paper` splits only, `fast` adds three steps of refinement, `best` searches on; `exact`
         /// grows a model for every plant.
         mode: Mode = Mode::Fast;
@@ -92,6 +95,7 @@ impl Default for Config {
         Self {
             representatives: 8,
             budget: None,
+            memory_gb: None,
             mode: Mode::Fast,
             max_height_error: None,
             weights: Weights::Area,
@@ -136,7 +140,14 @@ impl Config {
     /// Finds what can be found wrong before any work: members of groups that are no species, and
     /// groups that contain themselves.
     pub fn check(&self, species: &BTreeMap<String, Species>) -> Problems {
-        groups::problems(species)
+        let mut problems = groups::problems(species);
+        if self.memory_gb.is_some() && (self.budget.is_some() || self.max_height_error.is_some()) {
+            let problem = Problem::new("`memory_gb` says how many models there are, and so does");
+            let other = if self.budget.is_some() { "`budget`" } else { "`max_height_error`" };
+            let message = format!("{} {other}", problem.message);
+            problems.push(Problem { message, ..problem }.hint("give one of them"));
+        }
+        problems
     }
 
     /// Whether plants are weighted by how they look from an eye that is yet to be named.

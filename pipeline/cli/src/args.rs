@@ -217,6 +217,9 @@ pub struct Quantize {
     /// Models grown in all.
     #[arg(long, value_name = "NUMBER", conflicts_with = "representatives")]
     pub budget: Option<u32>,
+    /// As many models as can be rendered with their instances in so much memory.
+    #[arg(long, value_name = "GIGABYTES", conflicts_with_all = ["representatives", "budget", "table", "sweep"])]
+    pub memory_gb: Option<f64>,
     /// Quantize with each of these numbers of models a species, grow them, and compare their looks
     /// and size: `--sweep 4,16,64`.
     #[arg(long, value_name = "NUMBERS", value_delimiter = ',', conflicts_with_all = ["table", "scene", "representatives", "budget"], value_parser = clap::value_parser!(u32).range(1..=65_536))]

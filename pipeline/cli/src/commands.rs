@@ -281,6 +281,7 @@ fn quantize_alone(arguments: &args::Quantize, global: &Global, shown: &Shown) ->
     let mut set = arguments.set.clone();
     set.extend(arguments.representatives.map(|number| format!("representatives={number}")));
     set.extend(arguments.budget.map(|number| format!("budget={number}")));
+    set.extend(arguments.memory_gb.map(|gigabytes| format!("memory_gb={gigabytes:?}")));
     set.extend(arguments.mode.map(|mode| format!("mode={}", mode.word())));
     // The parser asks for both when there is no table.
     let population = arguments.population.as_deref().unwrap_or(Path::new(""));

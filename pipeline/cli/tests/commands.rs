@@ -348,3 +348,26 @@ fn a_house_of_either_format_stands_on_ground_that_is_level_under_it() {
         assert_eq!(answer.code, 1, "{}", answer.out);
     }
 }
+
+#[test]
+fn more_memory_holds_more_models_and_too_little_is_told() {
+    let tiny = Tiny::new();
+    tiny.done("terrain scene -o terrain");
+    tiny.done("ecosim scene --terrain terrain -o plants.parquet");
+    let models = |gigabytes: &str, more: &str| -> u64 {
+        let command = format!(
+            "quantize plants.parquet --scene scene --memory-gb {gigabytes} -o out --json {more}"
+        );
+        let report = tiny.done(&command).out;
+        let report: serde_json::Value = serde_json::from_str(&report).expect("JSON");
+        report["report"]["representatives"].as_u64().expect("a number")
+    };
+    let few = models("0.02", "--threads 1");
+    let palette = tiny.read("out/palette.toml");
+    assert_eq!(models("0.02", "--threads 2"), few);
+    assert_eq!(tiny.read("out/palette.toml"), palette, "the same on any threads");
+    assert!(models("0.2", "") > few);
+    let refused = tiny.weald("quantize plants.parquet --scene scene --memory-gb 0.001 -o none");
+    assert_eq!(refused.code, 2, "{}", refused.err);
+    assert!(refused.err.contains("memory_gb") && !tiny.path("none").exists(), "{}", refused.err);
+}

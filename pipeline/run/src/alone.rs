@@ -86,13 +86,28 @@ pub fn quantize(
     let config: weald_quantize::Config = config_of(fields, &mut sources)?;
     let plants = weald_formats::read_population(population)?;
     make::check_plants(population, &plants, true)?;
-    let (_, species) = load_species(folder_of(population), plants.species.iter().cloned())?;
+    let (texts, found) = load_species(folder_of(population), plants.species.iter().cloned())?;
     let species: BTreeMap<_, _> =
-        species.into_iter().map(|(name, found)| (name, found.species)).collect();
+        found.iter().map(|(name, found)| (name.clone(), found.species.clone())).collect();
     let sizes: BTreeMap<_, _> = species.iter().map(|(name, found)| (name, &found.size)).collect();
-    let parameters = json!({ "quantize": canonical(&config), "species": canonical(&sizes) });
-    let seed = Seed(fields.seed).part(Stage::Quantize.word(), 0);
-    let quantizing = Quantizing { config: &config, species: &species, seed, sources: &sources };
+    let mut parameters = json!({ "quantize": canonical(&config), "species": canonical(&sizes) });
+    if config.memory_gb.is_some() {
+        parameters["forms"] = forms(&found);
+    }
+    let seed_of = |stage: Stage| Seed(fields.seed).part(stage.word(), 0);
+    let growing = Growing {
+        species: &found,
+        conditions: &Conditions::default(),
+        seed: seed_of(Stage::Plants),
+        sources: &texts,
+    };
+    let quantizing = Quantizing {
+        config: &config,
+        species: &species,
+        seed: seed_of(Stage::Quantize),
+        sources: &sources,
+        growing: Some(&growing),
+    };
     quantizing.make(population, folder, story(Stage::Quantize, parameters, fields.seed), progress)
 }
 

@@ -6,6 +6,7 @@
 
 mod ecosim;
 mod levels;
+mod memory;
 mod plants;
 mod quantize;
 mod render;

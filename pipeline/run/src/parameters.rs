@@ -147,6 +147,10 @@ pub fn parameters(scene: &Scene, stage: Stage, is_draft: bool) -> Json {
             let species = species.collect::<Map<_, _>>();
             let mut parameters =
                 json!({ "quantize": canonical(&scene.quantize), "species": species });
+            if scene.quantize.memory_gb.is_some() {
+                parameters["plants"] = canonical(&scene.plants);
+                parameters["forms"] = forms(&scene.species);
+            }
             if scene.quantize.lacks_eye() {
                 parameters["view"] = canonical(&scene.wanted_view().ok());
             }

@@ -139,15 +139,22 @@ struct Work<'a> {
 
 impl Work<'_> {
     fn quantize(&self, representatives: u32) -> Result<Quantized> {
-        let config = Config { representatives, budget: None, ..self.config.clone() };
+        let config =
+            Config { representatives, budget: None, memory_gb: None, ..self.config.clone() };
         let species: BTreeMap<_, _> = self
             .species
             .iter()
             .map(|(name, found)| (name.clone(), found.species.clone()))
             .collect();
         let seed = Seed(self.seed).part(Stage::Quantize.word(), 0);
-        Quantizing { config: &config, species: &species, seed, sources: &Sources::default() }
-            .values(self.plants, &weald_contract::Silent)
+        Quantizing {
+            config: &config,
+            species: &species,
+            seed,
+            sources: &Sources::default(),
+            growing: None,
+        }
+        .values(self.plants, &weald_contract::Silent)
     }
 
     fn models(&self, quantized: &Quantized) -> Result<Vec<PlantModel>> {

@@ -134,7 +134,7 @@ impl Growing<'_> {
     }
 
     /// Grows one representative.
-    fn grow(&self, plant: &Representative) -> Result<PlantModel> {
+    pub(super) fn grow(&self, plant: &Representative) -> Result<PlantModel> {
         let found = self.species.get(&plant.species);
         match found.filter(|found| found.form.is_some()) {
             Some(found) => grow_one(self.sources, found, plant, self.conditions, self.seed),

@@ -1,6 +1,7 @@
 //! Quantize: plants to a palette and instances.
 
-use super::{Made, make_folder, parent, stage_error, stage_seed, write_json};
+use super::plants::Growing;
+use super::{Made, make_folder, memory, parent, stage_error, stage_seed, write_json};
 use crate::error::{Error, Result};
 use crate::parameters::quantize_species;
 use crate::preview;
@@ -11,7 +12,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 use weald_contract::{Population, Progress, Projection, Seed, Sources};
 use weald_formats::Provenance;
-use weald_quantize::{Config, Quantized, Weights};
+use weald_quantize::{Bytes, Config, Quantized, Weights};
 
 /// Longer side of a map, pixels.
 const MAP_SIDE: usize = 1000;
@@ -32,8 +33,19 @@ pub fn quantize(
     let seed = stage_seed(scene, Stage::Quantize);
     let species = quantize_species(scene);
     let config = seen_by_view(scene, terrain)?;
-    let quantizing =
-        Quantizing { config: &config, species: &species, seed, sources: &scene.sources };
+    let growing = Growing {
+        species: &scene.species,
+        conditions: &scene.plants,
+        seed: stage_seed(scene, Stage::Plants),
+        sources: &scene.sources,
+    };
+    let quantizing = Quantizing {
+        config: &config,
+        species: &species,
+        seed,
+        sources: &scene.sources,
+        growing: Some(&growing),
+    };
     quantizing.make(population, folder, provenance, progress)
 }
 
@@ -74,6 +86,8 @@ pub struct Quantizing<'a> {
     pub seed: Seed,
     /// Texts for problems.
     pub sources: &'a Sources,
+    /// What grows models, to weigh them where `memory_gb` is given.
+    pub growing: Option<&'a Growing<'a>>,
 }
 
 impl Quantizing<'_> {
@@ -82,7 +96,34 @@ impl Quantizing<'_> {
     /// # Errors
     /// The stage refuses, or was asked to stop.
     pub fn values(&self, population: &Population, progress: &dyn Progress) -> Result<Quantized> {
+        match (self.config.memory_gb, self.growing) {
+            (Some(gigabytes), Some(growing)) => {
+                let allowed = (gigabytes * 1e9) as u64;
+                memory::quantize_within(allowed, self, growing, population, progress)
+            }
+            _ => self.plain(population, progress),
+        }
+    }
+
+    /// By numbers of models alone.
+    pub(super) fn plain(
+        &self,
+        population: &Population,
+        progress: &dyn Progress,
+    ) -> Result<Quantized> {
         weald_quantize::quantize(self.config, population, self.species, self.seed, progress)
+            .map_err(stage_error!(self.sources, Stage::Quantize, weald_quantize))
+    }
+
+    /// With models of so many bytes, about.
+    pub(super) fn within(
+        &self,
+        bytes: Bytes<'_>,
+        population: &Population,
+        progress: &dyn Progress,
+    ) -> Result<Quantized> {
+        let Self { config, species, seed, .. } = *self;
+        weald_quantize::quantize_within(bytes, config, population, species, seed, progress)
             .map_err(stage_error!(self.sources, Stage::Quantize, weald_quantize))
     }
 

@@ -314,14 +314,18 @@ fn sweep(arguments: &args::Quantize, global: &Global) -> Result<ExitCode> {
 const CLUSTERS: u32 = 8;
 
 fn quantize_table(arguments: &args::Quantize, global: &Global) -> Result<ExitCode> {
-    let found = vectors::quantize_table(&vectors::Request {
+    listen_for_ctrl_c();
+    let request = vectors::Request {
         table: arguments.table.clone().unwrap_or_default(),
         columns: arguments.columns.clone(),
         weight: arguments.weight.clone(),
         clusters: arguments.representatives.unwrap_or(CLUSTERS) as usize,
         mode: arguments.mode.unwrap_or(vectors::Mode::Fast),
         output: arguments.output.clone(),
-    })?;
+    };
+    let shown = Shown::new(global);
+    let found = vectors::quantize_table(&request, &shown)?;
+    drop(shown);
     tell(&found, &found.to_string(), global);
     Ok(ExitCode::SUCCESS)
 }

@@ -45,7 +45,7 @@ pub use image::{companion, read_image, read_raster};
 pub use instances::{check_instances, read_instances, write_instances};
 pub use obj::read_obj;
 pub use palette::{parse_palette, read_palette, write_palette};
-pub use parquet_table::is_panic_contained;
+pub use parquet_table::{RowGroups, is_panic_contained};
 pub use picture::{read_picture, write_picture};
 pub use plant::{flatten, read_model, read_plant, write_plant};
 pub use png::{Preview, read_png, write_gray_png, write_png};

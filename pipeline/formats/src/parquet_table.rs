@@ -18,7 +18,7 @@ use std::cell::Cell;
 use std::collections::HashMap;
 use std::fs::File;
 use std::ops::Range;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 /// Rows of a row group: the size at which DuckDB spreads a file over its threads.
@@ -253,18 +253,34 @@ pub(crate) fn read(path: &Path) -> Result<(Table, Metadata)> {
 
 fn read_unguarded(path: &Path) -> Result<(Table, Metadata)> {
     let reader = open(path)?;
+    rows_of(path, &reader)?;
+    let table = read_groups(path, &reader, 0..reader.num_row_groups(), &|_| true)?;
+    Ok((table, metadata_of(&reader)))
+}
+
+/// Reads columns of numbers and words of some row groups.
+fn read_groups(
+    path: &Path,
+    reader: &SerializedFileReader<File>,
+    groups: Range<usize>,
+    is_wanted: &dyn Fn(&str) -> bool,
+) -> Result<Table> {
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
-    let rows = rows_of(path, &reader)?;
+    let rows = rows_of_groups(path, reader, &groups)?;
     if schema.num_columns() > MAX_COLUMNS {
         let message = format!("the table has {} columns", schema.num_columns());
         return Err(Error::invalid(path, message, format!("at most {MAX_COLUMNS} are read")));
     }
     let mut table = Table::default();
     for (index, descriptor) in schema.columns().iter().enumerate() {
-        let is_whole = has_no_gaps(&reader, index, descriptor);
+        let name = descriptor.path().string();
+        let is_whole = has_no_gaps(reader, index, descriptor);
         let Some(mut column) = empty_column(descriptor, is_whole) else { continue };
+        if !is_wanted(&name) {
+            continue;
+        }
         let mut words = HashMap::new();
-        for group in 0..reader.num_row_groups() {
+        for group in groups.clone() {
             let group = guarded(path, || reader.get_row_group(group))?;
             let pages = guarded(path, || group.get_column_reader(index))?;
             guarded(path, || read_column(pages, descriptor, &mut column, &mut words))?;
@@ -273,12 +289,89 @@ fn read_unguarded(path: &Path) -> Result<(Table, Metadata)> {
             }
         }
         if column.len() != rows {
-            let message = format!("column `{}` has {} rows", descriptor.name(), column.len());
+            let message = format!("column `{name}` has {} rows", column.len());
             return Err(Error::invalid(path, message, format!("the file promises {rows}")));
         }
-        table.columns.push((descriptor.path().string(), column));
+        table.columns.push((name, column));
     }
-    Ok((table, metadata_of(&reader)))
+    Ok(table)
+}
+
+/// Rows that the file promises in some groups: all rows when it is all groups.
+fn rows_of_groups(
+    path: &Path,
+    reader: &SerializedFileReader<File>,
+    groups: &Range<usize>,
+) -> Result<usize> {
+    if *groups == (0..reader.num_row_groups()) {
+        return rows_of(path, reader);
+    }
+    let found = reader.metadata().row_groups().get(groups.clone());
+    let rows = found.map(|groups| groups.iter().map(RowGroupMetaData::num_rows).sum::<i64>());
+    rows.and_then(|rows| usize::try_from(rows).ok()).ok_or_else(|| {
+        let message = format!("the table has no row group {}", groups.start);
+        Error::invalid(path, message, "the file has changed while it was read")
+    })
+}
+
+/// A Parquet file too long for memory: its rows are read a row group at a time.
+#[derive(Debug)]
+pub struct RowGroups {
+    path: PathBuf,
+    /// First row of each group, from 0, and the number of all rows at the end.
+    first_rows: Vec<u64>,
+}
+
+impl RowGroups {
+    /// Reads how many rows the groups of a file have.
+    ///
+    /// # Errors
+    /// When the file is missing or damaged.
+    pub fn open(path: &Path) -> Result<Self> {
+        let reader = contained(path, || open(path))?;
+        let mut first_rows = vec![0u64];
+        let mut end = 0u64;
+        for group in reader.metadata().row_groups() {
+            let rows = u64::try_from(group.num_rows()).ok().filter(|rows| *rows <= MAX_ROWS as u64);
+            let Some(all) = rows.and_then(|rows| end.checked_add(rows)) else {
+                let message = format!("a row group promises {} rows", group.num_rows());
+                return Err(Error::invalid(path, message, format!("at most {MAX_ROWS} are read")));
+            };
+            end = all;
+            first_rows.push(end);
+        }
+        Ok(Self { path: path.to_path_buf(), first_rows })
+    }
+
+    /// Number of groups.
+    pub fn len(&self) -> usize {
+        self.first_rows.len() - 1
+    }
+
+    /// Whether there is no group.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Number of rows of all groups.
+    pub fn rows(&self) -> u64 {
+        self.first_row(self.len())
+    }
+
+    /// Row of the file, from 0, at which a group begins.
+    pub fn first_row(&self, group: usize) -> u64 {
+        self.first_rows.get(group).copied().unwrap_or(0)
+    }
+
+    /// Reads the columns of a group whose names are asked for.
+    ///
+    /// # Errors
+    /// When there is no such group, or it is damaged.
+    pub fn read(&self, group: usize, is_wanted: &dyn Fn(&str) -> bool) -> Result<Table> {
+        let path = &self.path;
+        // Opened anew: copies of an open file share their position, and threads read at once.
+        contained(path, || read_groups(path, &open(path)?, group..group + 1, is_wanted))
+    }
 }
 
 fn rows_of(path: &Path, reader: &SerializedFileReader<File>) -> Result<usize> {

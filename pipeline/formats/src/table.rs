@@ -228,6 +228,28 @@ mod tests {
     }
 
     #[test]
+    fn row_groups_hold_the_rows_that_the_whole_table_holds() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("table.parquet");
+        let numbers: Vec<i64> = (0..300_000).collect();
+        let table = Table::default()
+            .with("a", Column::Integer(numbers.clone()))
+            .with("b", Column::Float(numbers.iter().map(|n| *n as f64 / 3.0).collect()));
+        write_table(&path, &table, &story()).unwrap();
+        let groups = crate::RowGroups::open(&path).unwrap();
+        assert_eq!((groups.len(), groups.rows()), (3, 300_000));
+        let mut found = Vec::new();
+        for group in 0..groups.len() {
+            assert_eq!(groups.first_row(group), found.len() as u64);
+            let table = groups.read(group, &|name| name == "b").unwrap();
+            assert_eq!(table.columns.len(), 1);
+            found.extend(table.column("b").and_then(Column::numbers).unwrap());
+        }
+        assert_eq!(Some(found), table.column("b").and_then(Column::numbers));
+        assert!(groups.read(3, &|_| true).unwrap_err().to_string().contains("row group 3"));
+    }
+
+    #[test]
     fn a_table_comes_back_from_csv_with_its_values() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("table.csv");

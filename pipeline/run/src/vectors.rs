@@ -6,8 +6,9 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 use weald_contract::source::nearest;
-use weald_formats::{Column, Provenance, Table};
-use weald_quantize::{Codebook, TableError, cluster};
+use weald_contract::{Problem, Progress, Sources};
+use weald_formats::{Column, Provenance, RowGroups, Table};
+use weald_quantize::{Chunks, Codebook, Streamed, Streaming, TableError, cluster, cluster_chunks};
 
 pub use weald_quantize::Mode;
 
@@ -32,43 +33,130 @@ pub struct Request {
 #[derive(Clone, Debug, Serialize)]
 pub struct Found {
     /// Rows of the table.
-    pub rows: usize,
+    pub rows: u64,
     /// Columns compared.
     pub columns: Vec<String>,
     /// Clusters found; fewer than asked for where there are fewer distinct rows with weight.
     pub clusters: usize,
     /// Weighted mean of the squared distances between rows and their centres.
     pub weighted_mse: f64,
-    /// Time to cluster, s; reading and writing not counted.
+    /// Time to cluster, s; reading is counted only of tables that are read group by group, and
+    /// writing never.
     pub seconds: f64,
     /// The table of centres, if it was written.
     pub output: Option<PathBuf>,
 }
 
+/// Rows beyond which a Parquet table is read group by group, again and again, instead of held:
+/// in memory a row of three numbers and a weight takes up to about 150 bytes, here 2.5 GB.
+const LONG_ROWS: u64 = 1 << 24;
+
 /// Clusters the rows of a table, and writes the centres if asked.
 ///
 /// # Errors
 /// The table is damaged, lacks a column, or holds what is no number; the disk refuses.
-pub fn quantize_table(request: &Request) -> Result<Found> {
+pub fn quantize_table(request: &Request, progress: &dyn Progress) -> Result<Found> {
+    let is_parquet = request.table.extension().is_some_and(|ending| ending == "parquet");
+    if is_parquet {
+        let groups = RowGroups::open(&request.table)?;
+        if groups.rows() > LONG_ROWS {
+            return quantize_groups(request, &groups, progress);
+        }
+    }
     let path = &request.table;
     let table = weald_formats::read_table(path)?;
+    let part = Part { path, table: &table, first_row: 0 };
     let columns = chosen(request, &table)?;
-    let rows = numbers(path, &table, &columns, request.weight.as_deref())?;
+    let rows = part.numbers(&columns, request.weight.as_deref())?;
     drop(table);
     let began = Instant::now();
     let book = cluster(&rows, request.clusters, request.mode);
     let seconds = began.elapsed().as_secs_f64();
-    if let Some(output) = &request.output {
-        weald_formats::write_table(output, &centres(&columns, &rows, &book), &story(request)?)?;
-    }
+    let clusters = Clusters::of_book(&book, &rows);
+    write_centres(request, &columns, &clusters)?;
     Ok(Found {
-        rows: rows.len(),
+        rows: rows.len() as u64,
         clusters: book.len(),
         weighted_mse: book.distortion(&rows),
         columns,
         seconds,
         output: request.output.clone(),
     })
+}
+
+/// Lloyd's steps of all rows after the sample's clusters: none where splitting is to be alone, and
+/// a second and third after a longer search, which gain what the sample did not know.
+fn steps(mode: Mode) -> usize {
+    match mode {
+        Mode::Paper => 0,
+        Mode::Fast => 1,
+        Mode::Best | Mode::Exact => 3,
+    }
+}
+
+/// [`quantize_table`] of a table longer than memory.
+fn quantize_groups(
+    request: &Request,
+    groups: &RowGroups,
+    progress: &dyn Progress,
+) -> Result<Found> {
+    if request.mode == Mode::Exact {
+        let message = format!("{} rows are too many for `exact`", groups.rows());
+        return Err(Error::plain(message, format!("it holds up to {LONG_ROWS}; choose `best`")));
+    }
+    let columns = chosen(request, &groups.read(0, &|_| true)?)?;
+    let began = Instant::now();
+    let weight = request.weight.as_deref();
+    let chunks = Groups { path: &request.table, groups, columns: &columns, weight };
+    let streaming = Streaming::new(request.clusters, request.mode);
+    let streaming = Streaming { steps: steps(request.mode), ..streaming };
+    let found = cluster_chunks(&chunks, &streaming, progress).map_err(|error| match error {
+        weald_quantize::Error::Problem(problem) => Error::wrong(&Sources::default(), problem),
+        weald_quantize::Error::Cancelled => Error::Stopped { saved: false },
+    })?;
+    let seconds = began.elapsed().as_secs_f64();
+    let clusters = Clusters::of_streamed(&found);
+    write_centres(request, &columns, &clusters)?;
+    Ok(Found {
+        rows: found.rows,
+        clusters: clusters.counts.len(),
+        weighted_mse: found.weighted_mse,
+        columns,
+        seconds,
+        output: request.output.clone(),
+    })
+}
+
+/// The row groups of a file as chunks of a long table.
+struct Groups<'a> {
+    path: &'a Path,
+    groups: &'a RowGroups,
+    columns: &'a [String],
+    weight: Option<&'a str>,
+}
+
+impl Chunks for Groups<'_> {
+    fn columns(&self) -> usize {
+        self.columns.len()
+    }
+
+    fn len(&self) -> usize {
+        self.groups.len()
+    }
+
+    fn chunk(&self, number: usize) -> Result<weald_quantize::Table, Problem> {
+        let is_wanted =
+            |name: &str| self.weight == Some(name) || self.columns.iter().any(|c| c == name);
+        let read = || {
+            let table = self.groups.read(number, &is_wanted)?;
+            let first_row = self.groups.first_row(number);
+            Part { path: self.path, table: &table, first_row }.numbers(self.columns, self.weight)
+        };
+        read().map_err(|error: Error| match error {
+            Error::Wrong { problems, .. } if !problems.is_empty() => problems[0].clone(),
+            other => Problem::new(other.to_string()),
+        })
+    }
 }
 
 /// The columns asked for, or all of numbers but the weight.
@@ -88,96 +176,138 @@ fn chosen(request: &Request, table: &Table) -> Result<Vec<String>> {
     Ok(found)
 }
 
-fn numbers(
-    path: &Path,
-    table: &Table,
-    names: &[String],
-    weight: Option<&str>,
-) -> Result<weald_quantize::Table> {
-    let columns =
-        names.iter().map(|name| column(path, table, name)).collect::<Result<Vec<Vec<f64>>>>()?;
-    let weights = match weight {
-        Some(name) => column(path, table, name)?,
-        None => vec![1.0; table.rows()],
-    };
-    let mut values = Vec::with_capacity(table.rows() * columns.len());
-    for row in 0..table.rows() {
-        values.extend(columns.iter().map(|column| column[row]));
-    }
-    weald_quantize::Table::new(values, columns.len(), weights)
-        .map_err(|error| not_a_number(path, table, names, weight, error))
+/// Consecutive rows of a table's file.
+#[derive(Clone, Copy)]
+struct Part<'a> {
+    path: &'a Path,
+    table: &'a Table,
+    /// Row of the file, from 0, at which the part begins.
+    first_row: u64,
 }
 
-/// A column of numbers; a text among them is named by its row.
-fn column(path: &Path, table: &Table, name: &str) -> Result<Vec<f64>> {
-    let Some(found) = table.column(name) else {
-        let known: Vec<&str> = table.columns.iter().map(|(name, _)| name.as_str()).collect();
-        let hint = match nearest(name, known.iter().copied()) {
-            Some(near) => format!("did you mean `{near}`?"),
-            None => format!("it has: {}", known.join(", ")),
+impl Part<'_> {
+    fn numbers(&self, names: &[String], weight: Option<&str>) -> Result<weald_quantize::Table> {
+        let columns =
+            names.iter().map(|name| self.column(name)).collect::<Result<Vec<Vec<f64>>>>()?;
+        let weights = match weight {
+            Some(name) => self.column(name)?,
+            None => vec![1.0; self.table.rows()],
         };
-        return Err(Error::plain(format!("{} has no column `{name}`", path.display()), hint));
-    };
-    if let Some(values) = found.numbers() {
-        return Ok(values);
+        let mut values = Vec::with_capacity(self.table.rows() * columns.len());
+        for row in 0..self.table.rows() {
+            values.extend(columns.iter().map(|column| column[row]));
+        }
+        weald_quantize::Table::new(values, columns.len(), weights)
+            .map_err(|error| self.not_a_number(names, weight, error))
     }
-    let texts = found.texts().unwrap_or_default();
-    let row = texts.iter().position(|text| !text.is_empty() && text.parse::<f64>().is_err());
-    let at = row.map_or(String::new(), |row| format!("row {}, ", row + 1));
-    let text = row.and_then(|row| texts.get(row)).map_or("", |text| text);
-    let message = format!("{}, {at}column `{name}`: `{text}` is no number", path.display());
-    Err(Error::plain(message, "leave the column or the row out"))
-}
 
-/// The error of a table, with the row as a reader of the file counts it: from 1, below the header.
-fn not_a_number(
-    path: &Path,
-    table: &Table,
-    names: &[String],
-    weight: Option<&str>,
-    error: TableError,
-) -> Error {
-    let (row, name) = match &error {
-        TableError::NotFinite { row, column } => (*row, names.get(*column).map(String::as_str)),
-        TableError::BadWeight { row } => (*row, weight),
-        _ => return Error::plain(format!("{}: {error}", path.display()), "use a shorter table"),
-    };
-    let name = name.unwrap_or_default();
-    let values = table.column(name).and_then(Column::numbers);
-    let value = values.and_then(|values| values.get(row).copied()).unwrap_or(f64::NAN);
-    let value = if value.is_nan() { "missing or NaN".to_string() } else { value.to_string() };
-    let right = match error {
-        TableError::BadWeight { .. } => "a finite number of at least 0 is right",
-        _ => "a finite number is right",
-    };
-    let message = format!("{}, row {}, column `{name}` is {value}", path.display(), row + 1);
-    Error::plain(message, right)
+    /// A column of numbers; a text among them is named by its row.
+    fn column(&self, name: &str) -> Result<Vec<f64>> {
+        let path = self.path.display();
+        let Some(found) = self.table.column(name) else {
+            let known: Vec<&str> =
+                self.table.columns.iter().map(|(name, _)| name.as_str()).collect();
+            let hint = match nearest(name, known.iter().copied()) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!("it has: {}", known.join(", ")),
+            };
+            return Err(Error::plain(format!("{path} has no column `{name}`"), hint));
+        };
+        if let Some(values) = found.numbers() {
+            return Ok(values);
+        }
+        let texts = found.texts().unwrap_or_default();
+        let row = texts.iter().position(|text| !text.is_empty() && text.parse::<f64>().is_err());
+        let at = row.map_or(String::new(), |row| format!("row {}, ", self.number(row)));
+        let text = row.and_then(|row| texts.get(row)).map_or("", |text| text);
+        let message = format!("{path}, {at}column `{name}`: `{text}` is no number");
+        Err(Error::plain(message, "leave the column or the row out"))
+    }
+
+    /// A row as a reader of the file counts it: from 1, below the header.
+    fn number(&self, row: usize) -> u64 {
+        self.first_row + row as u64 + 1
+    }
+
+    /// The error of a table, with its row and what stands there.
+    fn not_a_number(&self, names: &[String], weight: Option<&str>, error: TableError) -> Error {
+        let path = self.path.display();
+        let (row, name) = match &error {
+            TableError::NotFinite { row, column } => (*row, names.get(*column).map(String::as_str)),
+            TableError::BadWeight { row } => (*row, weight),
+            _ => return Error::plain(format!("{path}: {error}"), "use a shorter table"),
+        };
+        let name = name.unwrap_or_default();
+        let values = self.table.column(name).and_then(Column::numbers);
+        let value = values.and_then(|values| values.get(row).copied()).unwrap_or(f64::NAN);
+        let value = if value.is_nan() { "missing or NaN".to_string() } else { value.to_string() };
+        let right = match error {
+            TableError::BadWeight { .. } => "a finite number of at least 0 is right",
+            _ => "a finite number is right",
+        };
+        let message = format!("{path}, row {}, column `{name}` is {value}", self.number(row));
+        Error::plain(message, right)
+    }
 }
 
 /// Name of the columns of rows and weight that a cluster stands for.
 const COUNT: &str = "count";
 const WEIGHT: &str = "weight";
 
-/// A row a cluster: its centre, and how many rows of what weight it stands for.
-fn centres(columns: &[String], rows: &weald_quantize::Table, book: &Codebook) -> Table {
-    let mut counts = vec![0u64; book.len()];
-    let mut weights = vec![0.0; book.len()];
-    for (label, weight) in book.labels.iter().zip(rows.weights()) {
-        counts[*label as usize] += 1;
-        weights[*label as usize] += weight;
-    }
-    let values = |column: usize| (0..book.len()).map(|label| book.centre(label)[column]).collect();
-    let mut table = Table::default();
-    for (index, name) in columns.iter().enumerate() {
-        table = table.with(name, Column::Float(values(index)));
-    }
-    let is_free = |name: &str| !columns.iter().any(|column| column == name);
-    for (name, column) in [(COUNT, Column::Unsigned(counts)), (WEIGHT, Column::Float(weights))] {
-        if is_free(name) {
-            table = table.with(name, column);
+/// Centres, and how many rows of what weight each stands for.
+struct Clusters {
+    /// Centre after centre.
+    centres: Vec<f64>,
+    counts: Vec<u64>,
+    weights: Vec<f64>,
+}
+
+impl Clusters {
+    fn of_book(book: &Codebook, rows: &weald_quantize::Table) -> Self {
+        let mut counts = vec![0u64; book.len()];
+        let mut weights = vec![0.0; book.len()];
+        for (label, weight) in book.labels.iter().zip(rows.weights()) {
+            counts[*label as usize] += 1;
+            weights[*label as usize] += weight;
         }
+        Self { centres: book.centres.clone(), counts, weights }
     }
-    table
+
+    /// Centres that a step left without rows are no clusters.
+    fn of_streamed(found: &Streamed) -> Self {
+        let mut clusters = Self { centres: Vec::new(), counts: Vec::new(), weights: Vec::new() };
+        let all = found.centres.chunks_exact(found.columns).zip(&found.counts).zip(&found.weights);
+        for ((centre, count), weight) in all.filter(|((_, count), _)| **count > 0) {
+            clusters.centres.extend(centre);
+            clusters.counts.push(*count);
+            clusters.weights.push(*weight);
+        }
+        clusters
+    }
+
+    /// A row a cluster.
+    fn table(&self, columns: &[String]) -> Table {
+        let values = |column: usize| {
+            self.centres.iter().skip(column).step_by(columns.len()).copied().collect()
+        };
+        let mut table = Table::default();
+        for (index, name) in columns.iter().enumerate() {
+            table = table.with(name, Column::Float(values(index)));
+        }
+        let is_free = |name: &str| !columns.iter().any(|column| column == name);
+        let more = [
+            (COUNT, Column::Unsigned(self.counts.clone())),
+            (WEIGHT, Column::Float(self.weights.clone())),
+        ];
+        more.into_iter()
+            .filter(|(name, _)| is_free(name))
+            .fold(table, |table, (name, column)| table.with(name, column))
+    }
+}
+
+fn write_centres(request: &Request, columns: &[String], clusters: &Clusters) -> Result<()> {
+    let Some(output) = &request.output else { return Ok(()) };
+    Ok(weald_formats::write_table(output, &clusters.table(columns), &story(request)?)?)
 }
 
 fn story(request: &Request) -> Result<Provenance> {
@@ -212,6 +342,7 @@ impl fmt::Display for Found {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use weald_contract::{Seed, Silent};
 
     fn request(folder: &Path, text: &str, columns: &[&str]) -> Request {
         let table = folder.join("v.csv");
@@ -230,10 +361,10 @@ mod tests {
     fn two_heaps_of_rows_are_told_apart_by_weight() {
         let folder = tempfile::tempdir().unwrap();
         let text = "a,b,name,w\n0,1,x,1\n0,3,y,3\n10,5,z,1\n10,5,z,0\n";
-        let found = quantize_table(&Request {
-            weight: Some("w".into()),
-            ..request(folder.path(), text, &[])
-        })
+        let found = quantize_table(
+            &Request { weight: Some("w".into()), ..request(folder.path(), text, &[]) },
+            &Silent,
+        )
         .unwrap();
         assert_eq!((found.rows, found.clusters), (4, 2));
         assert_eq!(found.columns, ["a", "b"]);
@@ -250,7 +381,7 @@ mod tests {
         let message = |text: &str, columns: &[&str], weight: Option<&str>| {
             let request = request(folder.path(), text, columns);
             let request = Request { weight: weight.map(String::from), ..request };
-            quantize_table(&request).unwrap_err().to_string()
+            quantize_table(&request, &Silent).unwrap_err().to_string()
         };
         let missing = message("a,b\n1,2\n3,\n", &["a", "b"], None);
         assert!(missing.contains("row 2, column `b`"), "{missing}");
@@ -266,11 +397,76 @@ mod tests {
     fn parquet_gives_what_csv_gives() {
         let folder = tempfile::tempdir().unwrap();
         let as_csv = request(folder.path(), "a,b\n0,1\n1,1\n7,7\n8,9\n", &["a", "b"]);
-        let found = quantize_table(&as_csv).unwrap();
+        let found = quantize_table(&as_csv, &Silent).unwrap();
         let table = weald_formats::read_table(&as_csv.table).unwrap();
         let path = folder.path().join("v.parquet");
         weald_formats::write_table(&path, &table, &story(&as_csv).unwrap()).unwrap();
-        let again = quantize_table(&Request { table: path, ..as_csv }).unwrap();
+        let again = quantize_table(&Request { table: path, ..as_csv }, &Silent).unwrap();
         assert_eq!(again.weighted_mse, found.weighted_mse);
+    }
+
+    /// A Parquet table of two row groups, with one value replaced.
+    fn long(folder: &Path, bad: Option<(usize, f64)>) -> Request {
+        const ROWS: usize = 150_000;
+        let mut random = Seed(4).stream("long", 0);
+        let mut columns = [Vec::new(), Vec::new(), Vec::new()];
+        for _ in 0..ROWS {
+            let kind = random.below(6) as f64;
+            columns[0].push(kind + 0.2 * random.normal());
+            columns[1].push(kind * kind / 6.0 + 0.3 * random.normal());
+            columns[2].push(random.unit());
+        }
+        if let Some((row, value)) = bad {
+            columns[1][row] = value;
+        }
+        let [a, b, w] = columns.map(Column::Float);
+        let table = Table::default().with("a", a).with("b", b).with("w", w);
+        let request = Request {
+            table: folder.join("long.parquet"),
+            weight: Some("w".into()),
+            clusters: 24,
+            mode: Mode::Fast,
+            ..request(folder, "a\n1\n", &[])
+        };
+        // The story needs a file to tell of; the table is not there yet.
+        let story = story(&Request { table: folder.join("v.csv"), ..request.clone() }).unwrap();
+        weald_formats::write_table(&request.table, &table, &story).unwrap();
+        request
+    }
+
+    #[test]
+    fn groups_of_rows_are_clustered_about_as_well_as_all_at_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let request = long(folder.path(), None);
+        let whole = quantize_table(&request, &Silent).unwrap();
+        let groups = RowGroups::open(&request.table).unwrap();
+        assert_eq!(groups.len(), 2);
+        let found = quantize_groups(&request, &groups, &Silent).unwrap();
+        assert!((0.98..1.03).contains(&(found.weighted_mse / whole.weighted_mse)));
+        assert_eq!((found.rows, &found.columns), (whole.rows, &whole.columns));
+        let centres = weald_formats::read_table(&folder.path().join("centres.csv")).unwrap();
+        let counts = centres.column("count").and_then(Column::numbers).unwrap();
+        assert_eq!((counts.len(), counts.iter().sum::<f64>()), (found.clusters, 150_000.0));
+        // Splitting alone, of a sample that holds all rows, gives the clusters of splitting alone,
+        // with each row at the nearest centre.
+        let paper = Request { mode: Mode::Paper, ..request };
+        let alone = quantize_groups(&paper, &groups, &Silent).unwrap();
+        assert!(alone.weighted_mse <= quantize_table(&paper, &Silent).unwrap().weighted_mse);
+        assert!(alone.weighted_mse > found.weighted_mse);
+    }
+
+    #[test]
+    fn a_hole_in_a_later_group_is_named_by_its_row_in_the_file() {
+        let folder = tempfile::tempdir().unwrap();
+        let request = long(folder.path(), Some((140_000, f64::NAN)));
+        let groups = RowGroups::open(&request.table).unwrap();
+        let hole = quantize_groups(&request, &groups, &Silent).unwrap_err().to_string();
+        assert!(hole.contains("row 140001, column `b`"), "{hole}");
+        let absent = Request { columns: vec!["a".into(), "bb".into()], ..request.clone() };
+        let absent = quantize_groups(&absent, &groups, &Silent).unwrap_err().to_string();
+        assert!(absent.contains("no column `bb`"), "{absent}");
+        let exact = Request { mode: Mode::Exact, ..request };
+        let exact = quantize_groups(&exact, &groups, &Silent).unwrap_err().to_string();
+        assert!(exact.contains("too many for `exact`"), "{exact}");
     }
 }

@@ -1,8 +1,9 @@
 //! From a population to palette and instances: the order of the work.
 
-use crate::codebook::{Codebook, cluster_in_order, gains};
+use crate::codebook::{Codebook, Mode, cluster_in_order, gains};
 use crate::features::{COUNT, LEAST_HEIGHT, Traits};
 use crate::groups::{self, Patches};
+use crate::neighbours::{Beside, part};
 use crate::report::{Report, SpeciesReport};
 use crate::table::Table;
 use crate::{Bytes, Config, Error, Quantized, budget};
@@ -111,7 +112,9 @@ pub(crate) fn build(
             None => cluster_in_order(&table, count, config.mode),
         };
         let first_id = palette.representatives.len() as u32 + 1;
-        let (chosen, number) = representatives(name, plants, &table, &book, &order, first_id);
+        let (mut chosen, number) = representatives(name, plants, &table, &book, &order, first_id);
+        let book = part_neighbours(config, population, plants, &table, book);
+        count_plants(&mut chosen, &number, &book, &table, &order);
         for (plant, label) in plants.iter().zip(&book.labels) {
             let representative = &chosen[number[*label as usize]];
             let height = plant.traits.height.max(LEAST_HEIGHT);
@@ -299,6 +302,83 @@ fn within_height(
     }
     // Plants that are alike in all features and still of other heights are one cluster.
     found.unwrap_or_else(|| cluster_in_order(table, plants.len(), config.mode))
+}
+
+/// Plants nearer than this many median crown radii are neighbours: one and a half crowns.
+const NEIGHBOURS: f64 = 3.0;
+
+/// A model is about as good as another at up to this many times its distance.
+const ABOUT_AS_GOOD: f64 = 1.1;
+
+/// Gives another model that is about as good to plants of the scene that would stand beside their
+/// own model with the same turn. Splitting alone stays as it is, and so do promises of a height.
+fn part_neighbours(
+    config: &Config,
+    population: &Population,
+    plants: &[Standing],
+    table: &Table,
+    mut book: Codebook,
+) -> Codebook {
+    let is_free = matches!(config.mode, Mode::Fast | Mode::Best);
+    if !is_free || config.max_height_error.is_some() || book.len() < 2 {
+        return book;
+    }
+    let in_scene = |(row, standing): (usize, &Standing)| {
+        let Place::Scene { index, id } = standing.place else { return None };
+        let plant = population.plants.get(index)?;
+        Some((row, Beside { id, position: [plant.x, plant.y], yaw: plant.yaw.into() }))
+    };
+    let (rows, spots): (Vec<usize>, Vec<Beside>) =
+        plants.iter().enumerate().filter_map(in_scene).unzip();
+    let mut radii: Vec<f32> = rows.iter().map(|row| plants[*row].traits.radius).collect();
+    let middle = radii.len() / 2;
+    let reach = match radii.get(middle) {
+        Some(_) => NEIGHBOURS * f64::from(*radii.select_nth_unstable_by(middle, f32::total_cmp).1),
+        None => 0.0,
+    };
+    // Plants without a crown would all be far from each other.
+    if reach < LEAST_HEIGHT.into() {
+        return book;
+    }
+    let labels: Vec<u32> = rows.iter().map(|row| book.labels[*row]).collect();
+    let parted = part(&spots, &labels, reach, |spot| about_as_good(&book, table, rows[spot]));
+    for (row, label) in rows.into_iter().zip(parted) {
+        book.labels[row] = label;
+    }
+    book
+}
+
+/// Other clusters of a row that are about as near as its own, by rising distance.
+fn about_as_good(book: &Codebook, table: &Table, row: usize) -> Vec<u32> {
+    let squared = |label: u32| {
+        let pairs = table.row(row).iter().zip(book.centre(label as usize));
+        pairs.map(|(value, centre)| (value - centre).powi(2)).sum::<f64>()
+    };
+    let own = book.labels[row];
+    let most = ABOUT_AS_GOOD * ABOUT_AS_GOOD * squared(own);
+    let labels = (0..book.len() as u32).filter(|label| *label != own);
+    let mut others: Vec<(f64, u32)> = labels.map(|label| (squared(label), label)).collect();
+    others.retain(|(distance, _)| *distance <= most);
+    others.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+    others.into_iter().map(|(_, label)| label).collect()
+}
+
+/// Number and weight of the plants of each representative, as the labels are now.
+fn count_plants(
+    chosen: &mut [Representative],
+    number: &[usize],
+    book: &Codebook,
+    table: &Table,
+    order: &[u32],
+) {
+    for representative in chosen.iter_mut() {
+        (representative.count, representative.weight) = (0, 0.0);
+    }
+    for row in order.iter().map(|row| *row as usize) {
+        let representative = &mut chosen[number[book.labels[row] as usize]];
+        representative.count += 1;
+        representative.weight += table.weights()[row];
+    }
 }
 
 /// Largest difference of a plant's height from its cluster's mean, as a part of the mean.

@@ -121,7 +121,7 @@ pub(crate) fn descend_from(
 }
 
 /// Means of clusters; those without weight get the plain mean of their samples.
-fn means(samples: &Samples, partition: &Partition) -> Vec<f32> {
+pub(crate) fn means(samples: &Samples, partition: &Partition) -> Vec<f32> {
     let (dims, k) = (samples.dims, partition.k);
     let sum = |weigh: &(dyn Fn(usize) -> f32 + Sync)| {
         let chunks = partition.labels.par_chunks(CHUNK).enumerate().map(|(chunk, labels)| {

@@ -120,7 +120,7 @@ def faiss_kmeans(table, weight):
 
 
 def ours(program, path, times, errors):
-    report = weald(program, "bench", "--only", "quantize", "--input", path, "--repeat", 1)
+    report = weald(program, "bench", "--only", "quantize", "--input", path, "--repeat", 2)
     for figure in report["figures"]:
         name = figure["name"].replace("vector quantization,", "weald")
         times.setdefault(name, []).append((figure["seconds"], figure["cpu_seconds"]))

@@ -26,7 +26,7 @@ fn scattered(count: usize, side: f64) -> Vec<[f64; 2]> {
 }
 
 #[test]
-#[ignore = "measures, and prints what it measured"]
+#[ignore = "a measurement, printed for people: run with --release --nocapture"]
 fn lloyd_points_per_second() {
     for count in [10_000, 100_000, 1_000_000] {
         let side = (count as f64).sqrt();
@@ -51,7 +51,7 @@ fn lloyd_points_per_second() {
 }
 
 #[test]
-#[ignore = "measures, and prints what it measured"]
+#[ignore = "a measurement, printed for people: run with --release --nocapture"]
 fn competition_steps_per_second() {
     for count in [10_000, 100_000, 1_000_000] {
         for giants in [false, true] {
@@ -85,7 +85,7 @@ fn competition_steps_per_second() {
 }
 
 #[test]
-#[ignore = "measures, and prints what it measured"]
+#[ignore = "a measurement, printed for people: run with --release --nocapture"]
 fn simulated_plant_years_per_second() {
     for (cells, seedlings) in [(200, 200.0), (600, 300.0)] {
         let aspen = format!("{TREE}\necology = {{ seedlings = {seedlings}, survival = 0.9 }}");
@@ -117,7 +117,7 @@ fn simulated_plant_years_per_second() {
 }
 
 #[test]
-#[ignore = "measures, and prints what it measured"]
+#[ignore = "a measurement, printed for people: run with --release --nocapture"]
 fn halftones_and_grids() {
     let meadow = "size = { height = 0.3, crown_radius = 0.4 }\n[group]\nside = 0.5\nmember = []";
     let world = plain(400, 1.0).with_species("herb", HERB).with_species("meadow", meadow);
@@ -137,7 +137,7 @@ fn halftones_and_grids() {
 }
 
 #[test]
-#[ignore = "measures, and prints what it measured"]
+#[ignore = "a measurement, printed for people: run with --release --nocapture"]
 fn many_millions() {
     // The number of plants in millions may be given, since ten of them take a minute.
     let millions = std::env::var("WEALD_MILLIONS").ok().and_then(|text| text.parse().ok());

@@ -141,11 +141,17 @@ impl Config {
     /// groups that contain themselves.
     pub fn check(&self, species: &BTreeMap<String, Species>) -> Problems {
         let mut problems = groups::problems(species);
-        if self.memory_gb.is_some() && (self.budget.is_some() || self.max_height_error.is_some()) {
-            let problem = Problem::new("`memory_gb` says how many models there are, and so does");
-            let other = if self.budget.is_some() { "`budget`" } else { "`max_height_error`" };
-            let message = format!("{} {other}", problem.message);
-            problems.push(Problem { message, ..problem }.hint("give one of them"));
+        let others = [
+            ("`budget`", self.budget.is_some()),
+            ("`max_height_error`", self.max_height_error.is_some()),
+            ("`mode = \"exact\"`", self.mode == Mode::Exact),
+        ];
+        for (other, _) in
+            others.iter().filter(|(_, is_given)| *is_given && self.memory_gb.is_some())
+        {
+            let message =
+                format!("`memory_gb` says how many models there are, and so does {other}");
+            problems.push(Problem::new(message).hint("give one of them"));
         }
         problems
     }

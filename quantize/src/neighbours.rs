@@ -51,9 +51,14 @@ pub(crate) fn vary(spots: &[Spot], reach: f64, variants: u64) -> Vec<u64> {
 
 /// Whether two spots would be seen as one pattern if they had the same variant.
 fn looks_alike(a: &Spot, b: &Spot, reach: f64) -> bool {
-    let apart = (a.position[0] - b.position[0]).hypot(a.position[1] - b.position[1]);
-    let turn = (a.yaw - b.yaw).rem_euclid(TAU);
-    a.kind == b.kind && apart <= reach && turn.min(TAU - turn) < SAME_TURN
+    a.kind == b.kind && are_twins((a.position, a.yaw), (b.position, b.yaw), reach)
+}
+
+/// Whether two places with their turns are within `reach` and turned alike.
+fn are_twins((a, yaw): ([f64; 2], f64), (b, other_yaw): ([f64; 2], f64), reach: f64) -> bool {
+    let [dx, dy] = [0, 1].map(|axis| b[axis] - a[axis]);
+    let turn = (other_yaw - yaw).rem_euclid(TAU);
+    dx * dx + dy * dy <= reach * reach && turn.min(TAU - turn) < SAME_TURN
 }
 
 /// A plant of the scene.
@@ -125,12 +130,8 @@ impl Cells {
         reach: f64,
     ) -> impl Iterator<Item = usize> + 'a {
         let plant = &plants[index];
-        let is_twin = move |other: &usize| {
-            let other = &plants[*other];
-            let [dx, dy] = [0, 1].map(|axis| other.position[axis] - plant.position[axis]);
-            let turn = (other.yaw - plant.yaw).rem_euclid(TAU);
-            dx * dx + dy * dy <= reach * reach && turn.min(TAU - turn) < SAME_TURN
-        };
+        let place = |plant: &Beside| (plant.position, plant.yaw);
+        let is_twin = move |other: &usize| are_twins(place(plant), place(&plants[*other]), reach);
         self.around(plant.position).filter(move |other| *other != index).filter(is_twin)
     }
 

@@ -370,22 +370,26 @@ fn plants_near_the_eye_are_nearer_to_their_models() {
     let plants = population(4000, &["aspen"], &meadow());
     let eye = [500_100.0, 5_000_100.0, 305.0];
     let near = |plant: &Plant| (plant.x - eye[0]).hypot(plant.y - eye[1]) < 30.0;
-    let error = |config: &Config| {
+    let error = |config: &Config, is_seen: &dyn Fn(&Plant) -> bool| {
         let found = run(config, &plants).unwrap();
         let off = |(index, plant): (usize, &Plant)| {
             let model = found.instances.prototype[index] as usize - 1;
             f64::from((plant.height / found.palette.representatives[model].height).ln().abs())
         };
-        let all = plants.plants.iter().enumerate().filter(|(_, plant)| near(plant));
+        let all = plants.plants.iter().enumerate().filter(|(_, plant)| is_seen(plant));
         let (sum, count) = all.fold((0.0, 0.0), |(sum, n), plant| (sum + off(plant), n + 1.0));
         sum / count
     };
     let view = Config { weights: Weights::View, eye: Some(eye), ..Config::default() };
-    assert!(error(&view) < error(&Config::default()));
+    assert!(error(&view, &near) < error(&Config::default(), &near));
     // Looking the other way, the same plants are as far, but out of the picture.
-    let corner = [eye[0] - 1000.0, eye[1] - 1000.0];
-    let away = Config { target: Some(corner), ..view.clone() };
-    assert_ne!(run(&away, &plants).unwrap(), run(&view, &plants).unwrap());
+    let looking = |dx: f64| Config { target: Some([eye[0] + dx, eye[1]]), ..view.clone() };
+    let [east, west] = [looking(1000.0), looking(-1000.0)];
+    let in_the_east = |plant: &Plant| {
+        let angle = (plant.y - eye[1]).atan2(plant.x - eye[0]).to_degrees();
+        near(plant) && angle.abs() < 0.5 * east.fov_deg
+    };
+    assert!(error(&east, &in_the_east) < error(&west, &in_the_east));
     let blind = Config { eye: None, ..view };
     assert!(run(&blind, &plants).unwrap_err().to_string().contains("eye"));
 }

@@ -432,7 +432,7 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "measures speed: run it alone, with --nocapture"]
+    #[ignore = "a measurement, printed for people: run with --release --nocapture"]
     fn outlines_spare_most_looks_at_texels() {
         use std::time::Instant;
         // Cards of 10 cm with a disc on them, at random in a box of 20 m: the inside of a crown.

@@ -1120,7 +1120,7 @@ mod tests {
     }
 
     #[test]
-    #[ignore = "measures speed: run it alone, with --nocapture"]
+    #[ignore = "a measurement, printed for people: run with --release --nocapture"]
     fn our_walk_outruns_that_of_obvhs_on_the_rays_of_probe() {
         use obvhs::{BvhBuildParams, ray::RayHit, rt_triangle::RtTriangle, triangle::Triangle};
         use std::time::{Duration, Instant};

@@ -239,6 +239,7 @@ mod tests {
             let mut seen = 0;
             for (here, &direction) in directions.iter().enumerate().filter(|(_, d)| **d < OUT) {
                 let fall = ground[here] - ground[flow::neighbor(here, direction, width)];
+                assert!(fall > 0.0, "water stands at cell {here}");
                 let slope = f64::from(fall) / (DISTANCE[direction as usize] * cell);
                 let area = f64::from(cells[here]) * cell * cell;
                 let expected =

@@ -135,7 +135,7 @@ fn radii_that_do_not_rise_are_refused_with_their_row() {
 
 /// As many points and radii as the tropical plot of Barro Colorado Island in spatstat's `bei`.
 #[test]
-#[ignore = "measures time"]
+#[ignore = "a measurement, printed for people: run with --release --nocapture"]
 fn pair_correlation_of_3604_points_takes_less_than_a_tenth_of_a_second() {
     let window = Window { x: [0.0, 1000.0], y: [0.0, 500.0] };
     let pattern = random(3604, window);
@@ -148,7 +148,7 @@ fn pair_correlation_of_3604_points_takes_less_than_a_tenth_of_a_second() {
 
 /// A million points with about 30 neighbours each; run alone to see the time.
 #[test]
-#[ignore = "measures time"]
+#[ignore = "a measurement, printed for people: run with --release --nocapture"]
 fn k_of_a_million_points_takes_seconds() {
     let window = Window { x: [0.0, 1000.0], y: [0.0, 1000.0] };
     let pattern = random(1_000_000, window);

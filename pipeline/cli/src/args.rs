@@ -217,7 +217,8 @@ pub struct Quantize {
     /// Models grown in all.
     #[arg(long, value_name = "NUMBER", conflicts_with = "representatives")]
     pub budget: Option<u32>,
-    /// As many models as can be rendered with their instances in so much memory.
+    /// As many models as can be rendered with their instances in so much memory; the ground, coarser
+    /// levels and the making of the scene come on top.
     #[arg(long, value_name = "GIGABYTES", conflicts_with_all = ["representatives", "budget", "table", "sweep"])]
     pub memory_gb: Option<f64>,
     /// Quantize with each of these numbers of models a species, grow them, and compare their looks

@@ -15,6 +15,18 @@ fn refused(tiny: &Tiny, arguments: &str, words: &[&str]) -> String {
     answer.err
 }
 
+/// Runs the scene in a shell that set a limit, expects exit code 2, and gives what it says.
+#[cfg(unix)]
+fn limited(tiny: &Tiny, limit: &str, arguments: &str) -> String {
+    let script = format!("{limit}; exec {} {arguments}", env!("CARGO_BIN_EXE_weald"));
+    let mut command = std::process::Command::new("sh");
+    command.args(["-c", &script]).current_dir(tiny.path(""));
+    let output = command.output().expect("a shell");
+    let told = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{told}");
+    told
+}
+
 /// Line of the scene file on which a text stands, as errors write it.
 fn line_of(tiny: &Tiny, text: &str) -> String {
     let scene = tiny.read("scene/scene.toml");
@@ -142,15 +154,7 @@ fn absurd_sizes_are_refused_before_work() {
 fn a_terrain_beyond_the_memory_of_the_process_is_refused_before_work() {
     let tiny = Tiny::new();
     // 64 million cells take 5 GB; the process may have 4.
-    let script = format!(
-        "ulimit -v 4000000; exec {} terrain scene -o out --set terrain.cell=0.008",
-        env!("CARGO_BIN_EXE_weald")
-    );
-    let mut command = std::process::Command::new("sh");
-    command.args(["-c", &script]).current_dir(tiny.path(""));
-    let output = command.output().expect("a shell");
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{told}");
+    let told = limited(&tiny, "ulimit -v 4000000", "terrain scene -o out --set terrain.cell=0.008");
     assert!(told.contains("GB") && told.contains("`cell`"), "{told}");
     assert!(!tiny.path("out").exists());
 }
@@ -186,13 +190,7 @@ fn a_folder_that_cannot_be_written_is_an_error_that_names_it() {
 fn a_disk_that_takes_no_more_leaves_no_half_written_file() {
     // A limit on the size of files stands for a full disk: writes fail in the middle of a file.
     let tiny = Tiny::new();
-    let script =
-        format!("trap '' XFSZ; ulimit -f 4; exec {} run scene -o out", env!("CARGO_BIN_EXE_weald"));
-    let mut command = std::process::Command::new("sh");
-    command.args(["-c", &script]).current_dir(tiny.path(""));
-    let output = command.output().expect("a shell");
-    let told = String::from_utf8_lossy(&output.stderr);
-    assert_eq!(output.status.code(), Some(2), "{told}");
+    let told = limited(&tiny, "trap '' XFSZ; ulimit -f 4", "run scene -o out");
     assert!(told.contains("cannot write") && told.contains(".tif"), "{told}");
     let left = tiny::bytes_below(&tiny.path("out"));
     assert!(

@@ -11,9 +11,8 @@ use std::fmt;
 use std::path::Path;
 use weald_contract::table::Tagged;
 use weald_contract::{Frame, InputKind, Problem, Problems};
+use weald_terrain::BYTES_PER_CELL;
 
-/// Memory of a terrain cell while it is made, with water and the usual layers, measured: 81 bytes.
-const BYTES_A_CELL: u64 = 82;
 /// Memory of a plant through ecosim and quantize: its row, its feature, its instance.
 const BYTES_A_PLANT: u64 = 200;
 /// Memory of a plant in the renderer: a node of the tree and a placement.
@@ -63,8 +62,8 @@ pub fn estimate(scene: &Scene, is_draft: bool) -> Result<Estimate> {
     let config = render_config(scene, is_draft);
     let pixels = u64::from(config.resolution[0]) * u64::from(config.resolution[1]);
     let samples = pixels * u64::from(config.samples);
-    let ground = cells * BYTES_A_CELL + pixels * BYTES_A_PIXEL;
-    let growing = cells * BYTES_A_CELL / 2 + plants * BYTES_A_PLANT;
+    let ground = cells * BYTES_PER_CELL + pixels * BYTES_A_PIXEL;
+    let growing = cells * BYTES_PER_CELL / 2 + plants * BYTES_A_PLANT;
     let standing = plants * (BYTES_AN_INSTANCE + BYTES_A_PLANT / 2) + models * BYTES_A_MODEL;
     let threads = rayon::current_num_threads();
     let work = cells as f64 * SECONDS_A_CELL
@@ -135,7 +134,7 @@ fn area(scene: &Scene, frame: &Frame) -> f64 {
 pub(crate) fn refuse_too_large_terrain(scene: &Scene, elevation: &Frame) -> Result<()> {
     let cell = scene.terrain.cell.as_ref().map_or(elevation.cell, |cell| cell.value);
     let cells = area(scene, elevation) / (cell * cell);
-    let needed = cells * BYTES_A_CELL as f64;
+    let needed = cells * BYTES_PER_CELL as f64;
     match memory_of_machine() {
         Some(available) if needed > available as f64 => Err(Error::plain(
             format!(

@@ -1,12 +1,12 @@
 //! Plant models served from a folder, one file a representative and level of detail.
 
 use crate::error::{Error, Result};
-use crate::make::{Leveled, plant_file};
+use crate::make::{Growing, Leveled, plant_file};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
-use weald_contract::{Instances, PlantModel, Problem};
+use weald_contract::{Instances, Palette, PlantModel, Problem, Progress};
 use weald_render::{Object, PrototypeSource};
 
 /// All models that a scene places, read beforehand, so that what they will take can be told.
@@ -33,6 +33,29 @@ impl HeldPrototypes {
         };
         let models = ids.into_par_iter().filter(|id| placed.contains(id)).map(model);
         Ok(Self { models: models.collect::<Result<_>>()? })
+    }
+
+    /// Grows a model for each representative of a palette.
+    ///
+    /// # Errors
+    /// A species cannot be grown, or the caller asked to stop.
+    pub fn grow(palette: &Palette, growing: &Growing<'_>, progress: &dyn Progress) -> Result<Self> {
+        progress.begin("weighing models", palette.representatives.len() as u64, "plants");
+        let models = palette.representatives.par_iter().map(|plant| {
+            if progress.is_cancelled() {
+                return Err(Error::Stopped { saved: false });
+            }
+            let model = growing.grow(plant)?;
+            progress.advance(1);
+            Ok((plant.id, Arc::new(model)))
+        });
+        Ok(Self { models: models.collect::<Result<_>>()? })
+    }
+
+    /// One of the models, where there is one of that id.
+    pub fn only(&self, id: u32) -> Self {
+        let model = self.models.get(&id).map(|model| (id, Arc::clone(model)));
+        Self { models: model.into_iter().collect() }
     }
 
     /// Memory that a scene of these models, where they are placed, objects and a terrain of so many

@@ -56,7 +56,8 @@ const LONG_ROWS: u64 = 1 << 24;
 /// # Errors
 /// The table is damaged, lacks a column, or holds what is no number; the disk refuses.
 pub fn quantize_table(request: &Request, progress: &dyn Progress) -> Result<Found> {
-    let is_parquet = request.table.extension().is_some_and(|ending| ending == "parquet");
+    let ending = request.table.extension();
+    let is_parquet = ending.is_some_and(|ending| ending.eq_ignore_ascii_case("parquet"));
     if is_parquet {
         let groups = RowGroups::open(&request.table)?;
         if groups.rows() > LONG_ROWS {

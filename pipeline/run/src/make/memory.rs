@@ -4,24 +4,25 @@ use super::plants::Growing;
 use super::quantize::Quantizing;
 use crate::check::bytes_in_words;
 use crate::error::{Error, Result};
-use rayon::prelude::*;
+use crate::prototypes::HeldPrototypes;
 use std::collections::BTreeMap;
-use weald_contract::{Palette, Population, Progress};
+use weald_contract::{Instances, Palette, Population, Progress};
 use weald_quantize::{Bytes, Config, Quantized};
 
-/// Models of each species that are grown first, for a mean of what one takes.
-const PROBES: u32 = 4;
-
 /// Palettes that are grown at most, each nearer to what is allowed.
-const TRIES: usize = 5;
+const TRIES: usize = 6;
 
 /// A palette that takes this part of what is allowed, or more, is full enough.
 const FULL: f64 = 0.95;
 
 /// Quantizes with as many models as the renderer can hold beside their instances in `allowed` bytes.
 ///
+/// The first palette has one model a species. What its models take tells how many more there may
+/// be, and each palette's own weight corrects the next.
+///
 /// # Errors
-/// A species cannot be grown, or one model of each takes too much already.
+/// A species cannot be grown, one model of each takes too much already, or the caller asked to
+/// stop.
 pub(super) fn quantize_within(
     allowed: u64,
     quantizing: &Quantizing<'_>,
@@ -29,61 +30,79 @@ pub(super) fn quantize_within(
     population: &Population,
     progress: &dyn Progress,
 ) -> Result<Quantized> {
-    let probes = Config { representatives: PROBES, ..quantizing.config.clone() };
-    let probed = Quantizing { config: &probes, ..*quantizing }.plain(population, progress)?;
-    let triangles = triangles(growing, &probed.palette)?;
-    let of_model = mean_bytes(&probed.palette, &triangles);
-    let whole = weald_render::estimate_bytes(&triangles, &probed.instances, 0);
-    let models: u64 = weald_render::estimate_bytes(&triangles, &Default::default(), 0);
+    let fewest = Config { representatives: 1, ..quantizing.config.clone() };
+    let fewest = Quantizing { config: &fewest, ..*quantizing };
+    let mut found = fewest.plain(population, progress)?;
+    let mut weight = Weight::of(&found, growing, progress)?;
+    if weight.whole > allowed {
+        return Err(too_little(allowed, weight.whole));
+    }
+    let of_model = weight.mean_bytes(&found.palette);
+    let of_model = |name: &str| of_model.get(name).copied().unwrap_or(1);
     // What is left for models beside instances and patches.
-    let mut room = allowed.saturating_sub(whole - models) as f64;
-    let mut best: Option<(u64, Quantized)> = None;
-    let mut least = whole;
+    let mut room = allowed.saturating_sub(weight.whole - weight.models) as f64;
+    let mut best = (weight.whole, found.clone());
     for _ in 0..TRIES {
-        let of_model = |name: &str| of_model.get(name).copied().unwrap_or(1);
         let bytes = Bytes { budget: room as u64, of_model: &of_model };
-        let Ok(found) = quantizing.within(bytes, population, progress) else { break };
-        let triangles = self::triangles(growing, &found.palette)?;
-        let taken = weald_render::estimate_bytes(&triangles, &found.instances, 0);
-        let models = weald_render::estimate_bytes(&triangles, &Default::default(), 0);
-        least = least.min(taken);
-        let is_fuller = best.as_ref().is_none_or(|(most, _)| taken > *most);
-        if taken <= allowed && is_fuller {
-            best = Some((taken, found));
-        }
-        let is_full = taken <= allowed && taken as f64 >= FULL * allowed as f64;
-        if is_full || models == 0 {
+        let count = found.palette.representatives.len();
+        found = quantizing.within(bytes, population, progress)?;
+        if found.palette.representatives.len() == count {
+            // Every plant has its model, or no further one fits.
             break;
         }
-        let beside = (taken - models) as f64;
-        room *= ((allowed as f64 - beside).max(0.0) / models as f64).clamp(0.1, 10.0);
+        weight = Weight::of(&found, growing, progress)?;
+        let filled = weight.whole as f64 / allowed as f64;
+        if weight.whole <= allowed && weight.whole > best.0 {
+            best = (weight.whole, found.clone());
+        }
+        if weight.models == 0 || (FULL..=1.0).contains(&filled) {
+            break;
+        }
+        let beside = (weight.whole - weight.models) as f64;
+        let wanted = (allowed as f64 - beside).max(0.0) / weight.models as f64;
+        room *= wanted.clamp(0.1, 10.0);
     }
-    best.map(|(_, found)| found).ok_or_else(|| {
-        Error::plain(
-            format!(
-                "`memory_gb` allows {}, but these plants take {} with few models",
-                bytes_in_words(allowed),
-                bytes_in_words(least)
-            ),
-            "allow more, or place fewer plants",
-        )
-    })
+    Ok(best.1)
 }
 
-/// Triangles of each model as the renderer holds it.
-fn triangles(growing: &Growing<'_>, palette: &Palette) -> Result<BTreeMap<u32, u64>> {
-    let plants = palette.representatives.par_iter();
-    plants.map(|plant| Ok((plant.id, growing.grow(plant)?.instanced_triangles()))).collect()
+fn too_little(allowed: u64, needed: u64) -> Error {
+    let [allowed, needed] = [allowed, needed].map(bytes_in_words);
+    Error::plain(
+        format!("`memory_gb` allows {allowed}, but one model of each species takes {needed}"),
+        "allow more, or place fewer plants",
+    )
 }
 
-/// What a model of each species takes on average.
-fn mean_bytes(palette: &Palette, triangles: &BTreeMap<u32, u64>) -> BTreeMap<String, u64> {
-    let mut sums: BTreeMap<String, (u64, u64)> = BTreeMap::new();
-    for plant in &palette.representatives {
-        let one = BTreeMap::from([(plant.id, triangles.get(&plant.id).copied().unwrap_or(0))]);
-        let (sum, count) = sums.entry(plant.species.clone()).or_default();
-        *sum += weald_render::estimate_bytes(&one, &Default::default(), 0);
-        *count += 1;
+/// What a palette takes in the renderer, bytes.
+struct Weight {
+    /// Models, patches and instances.
+    whole: u64,
+    /// Models alone.
+    models: u64,
+    /// Each model, by its representative's id.
+    each: BTreeMap<u32, u64>,
+}
+
+impl Weight {
+    fn of(found: &Quantized, growing: &Growing<'_>, progress: &dyn Progress) -> Result<Self> {
+        let held = HeldPrototypes::grow(&found.palette, growing, progress)?;
+        let nowhere = Instances::default();
+        let ids = found.palette.representatives.iter().map(|plant| plant.id);
+        Ok(Self {
+            whole: held.bytes(&found.instances, &[], 0),
+            models: held.bytes(&nowhere, &[], 0),
+            each: ids.map(|id| (id, held.only(id).bytes(&nowhere, &[], 0))).collect(),
+        })
     }
-    sums.into_iter().map(|(name, (sum, count))| (name, sum / count.max(1))).collect()
+
+    /// What a model of each species takes on average.
+    fn mean_bytes(&self, palette: &Palette) -> BTreeMap<String, u64> {
+        let mut sums: BTreeMap<String, (u64, u64)> = BTreeMap::new();
+        for plant in &palette.representatives {
+            let (sum, count) = sums.entry(plant.species.clone()).or_default();
+            *sum += self.each.get(&plant.id).copied().unwrap_or(0);
+            *count += 1;
+        }
+        sums.into_iter().map(|(name, (sum, count))| (name, sum / count.max(1))).collect()
+    }
 }

@@ -39,10 +39,7 @@ pub fn plants(
     provenance: Provenance,
     progress: &dyn Progress,
 ) -> Result<Made> {
-    let seed = stage_seed(scene, Stage::Plants);
-    let (species, conditions) = (&scene.species, &scene.plants);
-    let growing = Growing { species, conditions, seed, sources: &scene.sources };
-    growing.make(palette, folder, provenance, progress)
+    Growing::of(scene).make(palette, folder, provenance, progress)
 }
 
 /// What plants needs besides the palette; a scene provides it, or the command line alone.
@@ -57,7 +54,17 @@ pub struct Growing<'a> {
     pub sources: &'a Sources,
 }
 
-impl Growing<'_> {
+impl<'a> Growing<'a> {
+    /// As a scene provides it.
+    pub fn of(scene: &'a Scene) -> Self {
+        Self {
+            species: &scene.species,
+            conditions: &scene.plants,
+            seed: stage_seed(scene, Stage::Plants),
+            sources: &scene.sources,
+        }
+    }
+
     /// Writes `ID.glb` for each representative into `folder`, and a contact sheet beside it.
     ///
     /// # Errors
@@ -134,7 +141,7 @@ impl Growing<'_> {
     }
 
     /// Grows one representative.
-    pub(super) fn grow(&self, plant: &Representative) -> Result<PlantModel> {
+    pub(crate) fn grow(&self, plant: &Representative) -> Result<PlantModel> {
         let found = self.species.get(&plant.species);
         match found.filter(|found| found.form.is_some()) {
             Some(found) => grow_one(self.sources, found, plant, self.conditions, self.seed),

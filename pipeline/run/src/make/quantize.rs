@@ -27,18 +27,16 @@ pub fn quantize(
     population: &Path,
     terrain: Option<&Path>,
     folder: &Path,
-    provenance: Provenance,
+    mut provenance: Provenance,
     progress: &dyn Progress,
 ) -> Result<Made> {
     let seed = stage_seed(scene, Stage::Quantize);
     let species = quantize_species(scene);
     let config = seen_by_view(scene, terrain)?;
-    let growing = Growing {
-        species: &scene.species,
-        conditions: &scene.plants,
-        seed: stage_seed(scene, Stage::Plants),
-        sources: &scene.sources,
-    };
+    if let Some(terrain) = terrain.filter(|_| scene.quantize.lacks_eye()) {
+        provenance.inputs.push(parent(terrain)?);
+    }
+    let growing = Growing::of(scene);
     let quantizing = Quantizing {
         config: &config,
         species: &species,

@@ -4,9 +4,9 @@
 //! without perspective or light: the picture holds reflectances. Coverage is tested, not blended
 //! (the texel is there or not), so that cards need no order.
 
-use crate::frame::{frame_of, organ_rotation};
-use crate::skeleton::{AxisKind, PlacedOrgan, Skeleton};
-use glam::{Quat, Vec2, Vec3};
+use crate::skeleton::Skeleton;
+use crate::twig::{self, unfolded};
+use glam::Vec2;
 use weald_contract::plant_model::srgb;
 use weald_contract::{Material, Mesh, Organ, Paint, Placement, PlantModel, Surface, Texture};
 
@@ -33,45 +33,6 @@ pub fn leaf_cards(model: &mut PlantModel) {
     model.organs = organs;
 }
 
-/// The thinnest branches of a skeleton: they bear leaves but no branches, and are borne themselves.
-pub fn twigs(skeleton: &Skeleton) -> Vec<bool> {
-    let highest = skeleton.axes.iter().map(|axis| axis.order).max().unwrap_or(0);
-    let mut is_twig: Vec<bool> = skeleton
-        .axes
-        .iter()
-        .map(|axis| axis.order == highest && axis.parent.is_some() && axis.kind == AxisKind::Stem)
-        .collect();
-    for axis in &skeleton.axes {
-        if let Some(bears) = axis.parent.and_then(|parent| is_twig.get_mut(parent as usize)) {
-            *bears = false;
-        }
-    }
-    is_twig
-}
-
-/// A twig as it lies: its foot, its frame and its length.
-struct Lie {
-    foot: Vec3,
-    /// World from twig: along +Y, upper side +Z.
-    rotation: Quat,
-    length: f32,
-}
-
-impl Lie {
-    fn of(skeleton: &Skeleton, axis: usize) -> Self {
-        let nodes = skeleton.nodes_of(&skeleton.axes[axis]);
-        let (foot, tip) = (nodes[0].position, nodes[nodes.len() - 1].position);
-        let heading = (tip - foot).normalize_or(Vec3::Z);
-        let rotation = organ_rotation(frame_of(heading, Vec3::Z));
-        Self { foot, rotation, length: foot.distance(tip).max(1e-4) }
-    }
-
-    /// A point in the space of a twig one long.
-    fn unit(&self, point: Vec3) -> Vec3 {
-        self.rotation.inverse() * (point - self.foot) / self.length
-    }
-}
-
 /// Removes the thinnest branches and their organs from a skeleton; what was removed comes back as
 /// a skeleton of examples, each one long, and the places of all.
 pub struct Pruned {
@@ -85,81 +46,29 @@ pub struct Pruned {
 
 /// Takes the twigs off a skeleton; `None` if it has too few of them to be worth a card.
 pub fn prune(skeleton: &Skeleton) -> Option<Pruned> {
-    let is_twig = twigs(skeleton);
-    let twigs: Vec<usize> = (0..is_twig.len()).filter(|index| is_twig[*index]).collect();
+    let twig::Pruned { rest, twigs } = twig::take_off(skeleton);
     if twigs.len() < 4 * TWIGS {
         return None;
     }
-    let bare = || Skeleton {
-        materials: skeleton.materials.clone(),
-        prototypes: skeleton.prototypes.clone(),
-        ..Skeleton::default()
-    };
     // Examples are those of middling length: of each fourth of the twigs, sorted, the middle one.
-    let mut by_length = twigs.clone();
-    by_length.sort_by(|a, b| {
-        let length = |index: &usize| Lie::of(skeleton, *index).length;
-        length(a).total_cmp(&length(b)).then(a.cmp(b))
-    });
-    let chosen: Vec<usize> =
-        (0..TWIGS).map(|k| by_length[(2 * k + 1) * by_length.len() / (2 * TWIGS)]).collect();
-    let mut pruned =
-        Pruned { rest: bare(), examples: vec![bare(); TWIGS], places: vec![Vec::new(); TWIGS] };
-    let mut kept = vec![u32::MAX; skeleton.axes.len()];
-    for (index, axis) in skeleton.axes.iter().enumerate().filter(|(index, _)| !is_twig[*index]) {
-        let mut axis = axis.clone();
-        axis.parent = axis.parent.map(|parent| kept[parent as usize]);
-        let nodes = skeleton.nodes_of(&skeleton.axes[index]).to_vec();
-        kept[index] = pruned.rest.push(axis, nodes);
-    }
-    let mut ranks = vec![0; skeleton.axes.len()];
-    by_length.iter().enumerate().for_each(|(rank, twig)| ranks[*twig] = rank);
-    for &twig in &twigs {
-        let lie = Lie::of(skeleton, twig);
-        let example = ranks[twig] * TWIGS / twigs.len();
-        let parent = skeleton.axes[twig].parent.map_or(0, |parent| kept[parent as usize]);
-        let place = Placement {
-            position: lie.foot.to_array(),
-            rotation: lie.rotation.to_array(),
-            scale: [lie.length; 3],
-        };
-        pruned.places[example].push((place, parent));
-    }
-    for (example, &twig) in pruned.examples.iter_mut().zip(&chosen) {
-        add_example(skeleton, twig, example);
-    }
-    for organ in &skeleton.organs {
-        if !is_twig[organ.axis as usize] {
-            pruned.rest.organs.push(PlacedOrgan { axis: kept[organ.axis as usize], ..*organ });
-        }
-    }
-    Some(pruned)
-}
-
-/// Copies a twig with its organs into a skeleton in which it is one long.
-fn add_example(skeleton: &Skeleton, twig: usize, example: &mut Skeleton) {
-    let lie = Lie::of(skeleton, twig);
-    let axis = crate::skeleton::Axis {
-        parent: None,
-        order: 0,
-        normal: lie.rotation.inverse() * skeleton.axes[twig].normal,
-        ..skeleton.axes[twig].clone()
+    let mut by_length: Vec<usize> = (0..twigs.len()).collect();
+    by_length.sort_by(|a, b| twigs[*a].length.total_cmp(&twigs[*b].length).then(a.cmp(b)));
+    let example = |k: usize| {
+        let twig = &twigs[by_length[(2 * k + 1) * by_length.len() / (2 * TWIGS)]];
+        twig.alone(skeleton, 1.0 / twig.length)
     };
-    let nodes = skeleton.nodes_of(&skeleton.axes[twig]).iter().map(|node| crate::skeleton::Node {
-        position: lie.unit(node.position),
-        radius: node.radius / lie.length,
-    });
-    let nodes: Vec<_> = nodes.collect();
-    example.push(axis, nodes);
-    for organ in skeleton.organs.iter().filter(|organ| organ.axis as usize == twig) {
-        example.organs.push(PlacedOrgan {
-            axis: 0,
-            position: lie.unit(organ.position),
-            rotation: (lie.rotation.inverse() * organ.rotation).normalize(),
-            scale: organ.scale / lie.length,
-            ..*organ
-        });
+    let mut ranks = vec![0; twigs.len()];
+    by_length.iter().enumerate().for_each(|(rank, index)| ranks[*index] = rank);
+    let mut places = vec![Vec::new(); TWIGS];
+    for (twig, rank) in twigs.iter().zip(ranks) {
+        let place = Placement {
+            position: twig.foot.to_array(),
+            rotation: twig.rotation.to_array(),
+            scale: [twig.length; 3],
+        };
+        places[rank * TWIGS / twigs.len()].push((place, twig.bearer));
     }
+    Some(Pruned { rest, examples: (0..TWIGS).map(example).collect(), places })
 }
 
 /// Paints examples and puts their cards in a model.
@@ -183,25 +92,6 @@ pub fn twig_cards(
         let placements = places.into_iter().map(|place| place.0).collect();
         model.organs.push(Organ { name, meshes: vec![card], placements, branches });
     }
-}
-
-/// All meshes of a model, organs at their places.
-fn unfolded(model: &PlantModel) -> Vec<Mesh> {
-    let mut meshes = model.wood.clone();
-    for organ in &model.organs {
-        for place in &organ.placements {
-            let (rotation, scale) = (Quat::from_array(place.rotation), Vec3::from(place.scale));
-            for mesh in &organ.meshes {
-                let mut mesh = mesh.clone();
-                for position in &mut mesh.positions {
-                    let placed = rotation * (scale * Vec3::from_array(*position));
-                    *position = (placed + Vec3::from(place.position)).to_array();
-                }
-                meshes.push(mesh);
-            }
-        }
-    }
-    meshes
 }
 
 /// The plane of a card: seen from its upper side, or from beside it.
@@ -458,7 +348,8 @@ mod tests {
     use super::*;
     use crate::material::LeafColor;
     use crate::organ::{LeafShape, leaf, leaf_area};
-    use crate::skeleton::{Axis, Node};
+    use crate::skeleton::{Axis, AxisKind, Node, PlacedOrgan};
+    use glam::{Quat, Vec3};
 
     /// Area of a card that is there, of a card of two triangles.
     fn covered(model: &PlantModel, mesh: &Mesh) -> f32 {

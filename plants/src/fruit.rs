@@ -2,6 +2,7 @@
 
 use crate::frame::organ_rotation;
 use crate::material::opaque;
+use crate::mesh::append;
 use crate::organ::{bead, dome, scaled};
 use crate::presence::threshold;
 use crate::skeleton::{PlacedOrgan, Skeleton};
@@ -174,15 +175,6 @@ fn placed(mut mesh: Mesh, scale: [f32; 3], from: f32) -> Mesh {
     mesh
 }
 
-/// Appends a mesh to another of the same material.
-fn join(whole: &mut Mesh, part: &Mesh) {
-    let first = whole.positions.len() as u32;
-    whole.positions.extend(&part.positions);
-    whole.normals.extend(&part.normals);
-    whole.triangles.extend(part.triangles.iter().map(|t| t.map(|index| first + index)));
-    whole.material = part.material;
-}
-
 /// Five whorls of four scales each, one long and one wide.
 fn cone(material: u32) -> Mesh {
     let mut cone = Mesh::default();
@@ -201,7 +193,7 @@ fn cone(material: u32) -> Mesh {
         for vector in scale.positions.iter_mut().chain(&mut scale.normals) {
             *vector = (turned * Vec3::from_array(*vector)).to_array();
         }
-        join(&mut cone, &scale);
+        append(&mut cone, &scale);
     }
     cone
 }
@@ -235,7 +227,7 @@ fn aggregate(material: u32) -> Mesh {
             position[0] += out * cos;
             position[2] += out * sin;
         }
-        join(&mut whole, &part);
+        append(&mut whole, &part);
     }
     whole
 }

@@ -29,6 +29,7 @@ pub mod self_organizing;
 pub mod semantic;
 pub mod skeleton;
 pub mod texture;
+pub mod twig;
 pub mod volume;
 pub mod weber_penn;
 pub mod wind;

@@ -54,6 +54,9 @@ table! {
         leaf_cards: bool = false;
         /// Whether the thinnest branches with their leaves are pictures on cards.
         twig_cards: bool = false;
+        /// Different twigs that all models of a species share: each is kept once, and rays find it
+        /// through another placement. Each model has its own without it.
+        shared_twigs: Option<u32> = None, in 1.0..=65536.0;
     }
 }
 
@@ -67,6 +70,7 @@ impl Default for Conditions {
             wind: false,
             leaf_cards: false,
             twig_cards: false,
+            shared_twigs: None,
         }
     }
 }
@@ -79,7 +83,12 @@ impl Conditions {
             Problem::new(format!("the `levels` of `[plants]` are {:?}", self.levels))
                 .hint("they are sizes of a pixel in metres, each larger than the one before")
         };
-        (!rises).then(problem).into_iter().collect()
+        let mut problems: Problems = (!rises).then(problem).into_iter().collect();
+        if self.twig_cards && self.shared_twigs.is_some() {
+            let problem = Problem::new("`[plants]` has both `twig_cards` and `shared_twigs`");
+            problems.push(problem.hint("cards are pictures of the twigs: give one of them"));
+        }
+        problems
     }
 }
 
@@ -99,23 +108,10 @@ impl Look {
     }
 }
 
-/// The model of a grown skeleton as a species looks under some conditions.
+/// Adds to a grown skeleton what a species looks like under some conditions at any level of detail.
 ///
 /// `maturity` is the plant's height as part of that of an old one. The same arguments give the
 /// same bytes.
-pub fn dressed(
-    name: &str,
-    mut skeleton: Skeleton,
-    look: &Look,
-    conditions: &Conditions,
-    maturity: f32,
-    seed: Seed,
-) -> PlantModel {
-    dress(&mut skeleton, look, conditions, maturity, seed);
-    level(name, &skeleton, look, conditions, &Detail::FULL)
-}
-
-/// Adds to a skeleton what does not depend on the level of detail.
 pub fn dress(
     skeleton: &mut Skeleton,
     look: &Look,

@@ -67,7 +67,7 @@ pub fn model_with(name: &str, skeleton: &Skeleton, meshing: &Meshing) -> PlantMo
     let mut open: Vec<Mesh> =
         (0..material_count as u32).map(|material| Mesh { material, ..Mesh::default() }).collect();
     let height = skeleton.height();
-    let meshing = &Meshing { sag: meshing.sag.max(ROUND * height), ..*meshing };
+    let meshing = &Meshing { sag: coarsened(meshing.sag, height), ..*meshing };
     let courses = curve::courses(skeleton, meshing.sag, BEND * height);
     reserve(skeleton, &courses, meshing, &mut open);
     let mut wood = Vec::new();
@@ -101,6 +101,21 @@ pub fn model_with(name: &str, skeleton: &Skeleton, meshing: &Meshing) -> PlantMo
         branches: if meshing.sways { crate::wind::branches(skeleton) } else { Vec::new() },
         ..PlantModel::default()
     }
+}
+
+/// How far rings may lie inside the true circles on a plant of this height, m.
+pub(crate) fn coarsened(sag: f32, height: f32) -> f32 {
+    sag.max(ROUND * height)
+}
+
+/// Appends a mesh to another of the same material and columns.
+pub(crate) fn append(whole: &mut Mesh, part: &Mesh) {
+    let first = whole.positions.len() as u32;
+    whole.material = part.material;
+    whole.positions.extend(&part.positions);
+    whole.normals.extend(&part.normals);
+    whole.uvs.extend(&part.uvs);
+    whole.triangles.extend(part.triangles.iter().map(|corners| corners.map(|c| c + first)));
 }
 
 /// Makes room for what the axes can become at most: growing meshes again and again would cost

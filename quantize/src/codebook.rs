@@ -69,6 +69,23 @@ impl Codebook {
         &self.centres[label * self.columns..][..self.columns]
     }
 
+    /// The row of each cluster that is nearest to its centre; the first of equally near ones.
+    ///
+    /// # Panics
+    /// When the table is another than the one that was clustered, and shorter or narrower.
+    pub fn nearest_rows(&self, table: &Table) -> Vec<usize> {
+        let mut nearest = vec![(f64::INFINITY, 0); self.len()];
+        for (row, label) in self.labels.iter().enumerate() {
+            let pairs = table.row(row).iter().zip(self.centre(*label as usize));
+            let apart = pairs.map(|(value, centre)| (value - centre).powi(2)).sum::<f64>();
+            let found = &mut nearest[*label as usize];
+            if apart < found.0 {
+                *found = (apart, row);
+            }
+        }
+        nearest.into_iter().map(|(_, row)| row).collect()
+    }
+
     /// Weighted mean of the squared distances between rows and their centres; the plain mean
     /// when no row carries weight, and 0 without rows.
     ///

@@ -52,8 +52,7 @@ pub fn share_organs(
     let (mut squares, mut weight) = (0.0, 0.0);
     for ((make, table), count) in makes.iter().zip(&tables).zip(counts) {
         let book = cluster(table, count, Mode::Fast);
-        let chosen: Vec<usize> =
-            (0..book.len()).map(|label| nearest(table, &book, label)).collect();
+        let chosen = book.nearest_rows(table);
         for (row, label) in book.labels.iter().enumerate() {
             let middle = chosen[*label as usize];
             let apart = squared(table.row(row), table.row(middle));
@@ -143,13 +142,6 @@ fn shapes(models: &[PlantModel], make: &[At]) -> Result<Table, Problem> {
 
 fn squared(a: &[f64], b: &[f64]) -> f64 {
     a.iter().zip(b).map(|(a, b)| (a - b).powi(2)).sum()
-}
-
-/// The row of a cluster that is nearest to its centre; the first of equally near ones.
-fn nearest(table: &Table, book: &crate::Codebook, label: usize) -> usize {
-    let rows = (0..table.len()).filter(|row| book.labels[*row] as usize == label);
-    let apart = |row: &usize| squared(table.row(*row), book.centre(label));
-    rows.min_by(|a, b| apart(a).total_cmp(&apart(b))).unwrap_or(0)
 }
 
 /// Puts the meshes of another organ in the place of an organ's own, stretched to its widths.

@@ -20,6 +20,7 @@ mod film;
 mod ground;
 mod matte;
 mod model;
+mod nested;
 mod noise;
 mod paint;
 mod path;
@@ -35,6 +36,7 @@ pub use config::{Config, Sky};
 pub use environment::SkyPictures;
 pub use film::{Film, FilmStatistics};
 pub use ground::mesh as ground_mesh;
+pub use model::NESTED_TRIANGLES;
 pub use path::render;
 pub use probe::probe;
 pub use scene::{Object, Parts, PrototypeSource, Scene, Statistics, estimate_bytes};
@@ -43,7 +45,7 @@ pub use tone::tone_map;
 use weald_contract::Problem;
 
 /// Changes whenever the same input would give other bytes than before.
-pub const OUTPUT_VERSION: u32 = 6;
+pub const OUTPUT_VERSION: u32 = 7;
 
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]

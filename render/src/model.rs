@@ -7,7 +7,7 @@ use crate::paint::{Chart, Charts, NO_OUTLINE, Outline, Paints, Presence, Pyramid
 use crate::primitive::Face;
 use glam::{Quat, Vec3};
 use std::collections::BTreeMap;
-use weald_contract::{Mesh, Paint, PlantModel, Surface};
+use weald_contract::{Mesh, Organ, Paint, Placement, PlantModel, Surface};
 
 /// Variation of brightness from leaf to leaf.
 const LEAF_VARIATION: f32 = 0.16;
@@ -59,7 +59,7 @@ fn shining(radiance: [f32; 3]) -> Vec3 {
 }
 
 /// How a material is painted.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Brush {
     /// Index into [`Gallery::textures`].
     pub texture: u32,
@@ -136,67 +136,176 @@ impl Shape {
     }
 }
 
-/// All triangles of a model, organs at each of their places, with materials from `base` on.
+/// Triangles from which an organ that stands in many places is kept once, as a level of its own,
+/// rather than copied to each place: a placement takes as much memory as one triangle, but rays are
+/// slower through it.
+pub const NESTED_TRIANGLES: u64 = 64;
+
+/// Whether an organ may be a level of its own: it is large, and placements of levels have one scale.
+pub(crate) fn may_nest(organ: &Organ) -> bool {
+    let is_alike = |[x, y, z]: [f32; 3]| x > 0.0 && x == y && x == z;
+    triangles(organ) >= NESTED_TRIANGLES && organ.placements.iter().all(|p| is_alike(p.scale))
+}
+
+/// Triangles of one copy of an organ.
+pub(crate) fn triangles(organ: &Organ) -> u64 {
+    organ.meshes.iter().map(|mesh| mesh.triangles.len() as u64).sum()
+}
+
+/// What surfaces of a model are made of.
+pub(crate) struct Look<'a> {
+    /// Number of each of the model's materials among those of all models.
+    pub materials: &'a [u16],
+    /// How the materials of all models are painted.
+    pub brushes: &'a [Option<Brush>],
+    /// The textures of all models.
+    pub textures: &'a [Pyramid],
+}
+
+/// All triangles of a model, organs at each of their places, but for the organs that are `nested`.
 ///
 /// # Errors
 /// An index out of range, a coordinate that is no number, too many triangles.
 pub(crate) fn shape(
     model: &PlantModel,
     what: &str,
-    base: u16,
-    brushes: &[Option<Brush>],
-    textures: &[Pyramid],
+    look: &Look<'_>,
+    nested: &dyn Fn(usize) -> bool,
 ) -> Result<Shape, Error> {
     let damaged = |why: String| Error::BadModel { what: what.to_string(), why };
-    let mut triangles = Vec::with_capacity(model.instanced_triangles() as usize);
-    let mut charts = Charts::default();
-    let brush = |mesh: &Mesh| brushes.get(mesh.material as usize).copied().flatten();
+    let is_here = |(index, _): &(usize, &Organ)| !nested(*index);
+    let organs: Vec<&Organ> =
+        model.organs.iter().enumerate().filter(is_here).map(|(_, organ)| organ).collect();
+    let copies = organs.iter().map(|organ| triangles(organ) * organ.placements.len() as u64);
+    let wood: usize = model.wood.iter().map(|mesh| mesh.triangles.len()).sum();
+    let mut pile = Pile::new(look, wood + copies.sum::<u64>() as usize);
     for (number, mesh) in model.wood.iter().enumerate() {
         check(mesh, model).map_err(|why| damaged(format!("wood mesh {number} {why}")))?;
-        let first_chart = add_charts(mesh, brush(mesh), &mut charts);
-        append(mesh, base, first_chart, &mut triangles, &|p| p, &|n| n);
+        let first_chart = pile.add_charts(mesh);
+        pile.append(mesh, first_chart, &|p| p, &|n| n);
     }
-    for organ in &model.organs {
+    for organ in organs {
         for mesh in &organ.meshes {
             check(mesh, model).map_err(|why| damaged(format!("organ `{}` {why}", organ.name)))?;
-            let first_chart = add_charts(mesh, brush(mesh), &mut charts);
+            let first_chart = pile.add_charts(mesh);
             for (number, place) in organ.placements.iter().enumerate() {
-                let turn = Quat::from_array(place.rotation);
-                let (scale, move_by) = (Vec3::from(place.scale), Vec3::from(place.position));
-                if !(turn.is_finite() && scale.is_finite() && move_by.is_finite()) {
-                    let why = format!("a place of organ `{}` is no number", organ.name);
-                    return Err(damaged(why));
-                }
-                let turn = turn.normalize();
+                let (turn, scale, move_by) = checked(place, organ).map_err(damaged)?;
                 // Normals scale by the inverse, or they would lean on stretched organs.
                 let shrink = Vec3::from_array(
                     place.scale.map(|s| if s.abs() > 1e-12 { 1.0 / s } else { 0.0 }),
                 );
                 let point = |p: Vec3| turn * (scale * p) + move_by;
                 let normal = |n: Vec3| (turn * (shrink * n)).normalize_or(Vec3::Z);
-                let first = triangles.len();
-                append(mesh, base, first_chart, &mut triangles, &point, &normal);
+                let first = pile.triangles.len();
+                pile.append(mesh, first_chart, &point, &normal);
                 let shade = weald_contract::seed::mix(number as u64) as u16;
-                triangles[first..].iter_mut().for_each(|t| t.face.shade = shade);
+                pile.triangles[first..].iter_mut().for_each(|t| t.face.shade = shade);
             }
         }
     }
-    let reach = |t: &Triangle| {
-        t.corners.iter().any(|c| !c.is_finite() || c.abs().max_element() > MODEL_REACH)
-    };
-    if triangles.iter().any(reach) {
-        return Err(damaged(format!("it reaches farther than {MODEL_REACH} m")));
+    pile.finish(what)
+}
+
+/// All triangles of one organ, in its own space. Parts that share no vertex differ in shade, as
+/// leaves do.
+///
+/// # Errors
+/// See [`shape`].
+pub(crate) fn organ_shape(
+    model: &PlantModel,
+    organ: &Organ,
+    what: &str,
+    look: &Look<'_>,
+) -> Result<Shape, Error> {
+    let mut pile = Pile::new(look, triangles(organ) as usize);
+    let mut part = 0;
+    for mesh in &organ.meshes {
+        check(mesh, model).map_err(|why| Error::BadModel {
+            what: what.to_string(),
+            why: format!("organ `{}` {why}", organ.name),
+        })?;
+        let first_chart = pile.add_charts(mesh);
+        let first = pile.triangles.len();
+        pile.append(mesh, first_chart, &|p| p, &|n| n);
+        let mut highest = None;
+        for (triangle, corners) in pile.triangles[first..].iter_mut().zip(&mesh.triangles) {
+            // Meshes are written part after part.
+            let lowest = corners.iter().min().copied();
+            part += u64::from(lowest > highest);
+            highest = highest.max(corners.iter().max().copied());
+            triangle.face.shade = weald_contract::seed::mix(part) as u16;
+        }
     }
-    if triangles.len() > u32::MAX as usize / 8 {
-        return Err(Error::TooMany {
-            what: format!("triangles of {what}"),
-            count: triangles.len(),
-            limit: u32::MAX as usize / 8,
-        });
+    pile.finish(what)
+}
+
+/// Turn, scale and place of an organ, or what is wrong with them.
+pub(crate) fn checked(place: &Placement, organ: &Organ) -> Result<(Quat, Vec3, Vec3), String> {
+    let turn = Quat::from_array(place.rotation);
+    let (scale, move_by) = (Vec3::from(place.scale), Vec3::from(place.position));
+    if turn.is_finite() && scale.is_finite() && move_by.is_finite() {
+        Ok((turn.normalize(), scale, move_by))
+    } else {
+        Err(format!("a place of organ `{}` is no number", organ.name))
     }
-    let triangles = join_pairs(&triangles, &mut charts);
-    let material_of = |face: &Face| brushes.get(usize::from(face.material - base)).copied()?;
-    Ok(cut_out(triangles, charts.list, &material_of, textures))
+}
+
+/// Triangles of a model while they are gathered.
+struct Pile<'a> {
+    look: &'a Look<'a>,
+    triangles: Vec<Triangle>,
+    charts: Charts,
+}
+
+impl<'a> Pile<'a> {
+    fn new(look: &'a Look<'a>, capacity: usize) -> Self {
+        Self { look, triangles: Vec::with_capacity(capacity), charts: Charts::default() }
+    }
+
+    fn brush(&self, material: u16) -> Option<Brush> {
+        self.look.brushes.get(usize::from(material)).copied().flatten()
+    }
+
+    fn material(&self, mesh: &Mesh) -> u16 {
+        self.look.materials.get(mesh.material as usize).copied().unwrap_or(0)
+    }
+
+    /// Adds a chart for each triangle of a painted mesh; returns the number of the first.
+    fn add_charts(&mut self, mesh: &Mesh) -> Option<u32> {
+        add_charts(mesh, self.brush(self.material(mesh)), &mut self.charts)
+    }
+
+    fn append(
+        &mut self,
+        mesh: &Mesh,
+        first_chart: Option<u32>,
+        point: &dyn Fn(Vec3) -> Vec3,
+        normal: &dyn Fn(Vec3) -> Vec3,
+    ) {
+        let material = self.material(mesh);
+        append(mesh, material, first_chart, &mut self.triangles, point, normal);
+    }
+
+    fn finish(mut self, what: &str) -> Result<Shape, Error> {
+        let reach = |t: &Triangle| {
+            t.corners.iter().any(|c| !c.is_finite() || c.abs().max_element() > MODEL_REACH)
+        };
+        if self.triangles.iter().any(reach) {
+            let why = format!("it reaches farther than {MODEL_REACH} m");
+            return Err(Error::BadModel { what: what.to_string(), why });
+        }
+        if self.triangles.len() > u32::MAX as usize / 8 {
+            return Err(Error::TooMany {
+                what: format!("triangles of {what}"),
+                count: self.triangles.len(),
+                limit: u32::MAX as usize / 8,
+            });
+        }
+        let triangles = join_pairs(&self.triangles, &mut self.charts);
+        let charts = std::mem::take(&mut self.charts.list);
+        let brush = |face: &Face| self.brush(face.material);
+        Ok(cut_out(triangles, charts, &brush, self.look.textures))
+    }
 }
 
 /// What is wrong with a mesh, if anything is.
@@ -234,7 +343,7 @@ fn add_charts(mesh: &Mesh, brush: Option<Brush>, charts: &mut Charts) -> Option<
 /// Adds a mesh's triangles, brought to their place.
 fn append(
     mesh: &Mesh,
-    base: u16,
+    material: u16,
     first_chart: Option<u32>,
     triangles: &mut Vec<Triangle>,
     point: &dyn Fn(Vec3) -> Vec3,
@@ -252,7 +361,7 @@ fn append(
                 if n.is_finite() { n } else { flat }
             })
         };
-        let mut face = Face::new(normals, base + mesh.material as u16);
+        let mut face = Face::new(normals, material);
         if let Some(first) = first_chart {
             face = face.on_chart(first + number, false);
         }
@@ -299,7 +408,7 @@ fn cut_out(
 mod tests {
     use super::*;
     use crate::accel::{Level, Levels, Ray, Scratch};
-    use weald_contract::{Organ, Placement, Texture};
+    use weald_contract::Texture;
 
     /// Half of it red and there, half blue and gone.
     fn halves() -> Texture {
@@ -349,7 +458,9 @@ mod tests {
             .iter()
             .map(|material| gallery.brush(material, model).expect("its texture is sound"))
             .collect();
-        let mut shape = shape(model, "leaf", 0, &brushes, &gallery.textures).expect("it is sound");
+        let materials: Vec<u16> = (0..model.materials.len() as u16).collect();
+        let look = Look { materials: &materials, brushes: &brushes, textures: &gallery.textures };
+        let mut shape = shape(model, "leaf", &look, &|_| false).expect("it is sound");
         let mut paints = Paints::default();
         shape.join(&mut paints);
         paints.textures = std::mem::take(&mut gallery.textures);

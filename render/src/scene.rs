@@ -5,7 +5,8 @@ use crate::accel::Triangle;
 use crate::accel::{Bounds, Instance, Level, Levels, MAX_DEPTH, join_pairs};
 use crate::bsdf::Material;
 use crate::ground::{self, Colors, Crown};
-use crate::model::{self, Brush, Gallery};
+use crate::model::{self, Brush, Gallery, Look, Shape};
+use crate::nested::{Known, Nested};
 use crate::paint::{Charts, MOST_CHARTS, Paints};
 use crate::sky::Dome;
 use crate::water::Ripples;
@@ -97,26 +98,43 @@ pub struct Scene {
     statistics: Statistics,
 }
 
-/// Memory that a scene will need, bytes, from the triangles of its prototypes by their id and of
-/// everything else.
+/// Memory that a scene will need, bytes, from its models by their id, where they are placed, and the
+/// triangles of everything else.
 ///
-/// Groups that will be stored as one mesh count as such. A triangle takes 70 B in a block that is
-/// half full and cut here and there, 20 B of normals and material, and 14 B of tree; leaves that are
-/// parallelograms take half of it. A placement takes 72 B.
+/// Groups that will be stored as one mesh count as such, and organs that are kept once as one. A
+/// triangle takes 70 B in a block that is half full and cut here and there, 20 B of normals and
+/// material, and 14 B of tree; leaves that are parallelograms take half of it. A placement takes 72 B.
 pub fn estimate_bytes(
-    triangles: &BTreeMap<u32, u64>,
+    models: &BTreeMap<u32, Arc<PlantModel>>,
     instances: &Instances,
     other_triangles: u64,
 ) -> u64 {
+    let known: Vec<Known> = models
+        .values()
+        .map(|model| (Arc::clone(model), (0..model.materials.len() as u16).collect()))
+        .collect();
+    let nested = Nested::find(&known);
+    let organs = nested.originals.iter().map(|&(model, organ)| &known[model].0.organs[organ]);
+    let shared: u64 = organs.map(model::triangles).sum();
+    let (mut stored, mut placements) = (shared + other_triangles, instances.len() as u64);
+    let mut seen: BTreeMap<u32, u64> = BTreeMap::new();
+    for ((&id, model), nested) in models.iter().zip(&nested.of_model) {
+        let organs = nested.keys().map(|organ| &model.organs[*organ]);
+        let places = organs.map(|organ| (organ.placements.len() as u64, model::triangles(organ)));
+        let (places, copies) = places
+            .fold((0, 0), |(all, copies), (places, each)| (all + places, copies + places * each));
+        seen.insert(id, model.instanced_triangles());
+        stored += model.instanced_triangles() - copies;
+        placements += places;
+    }
     let mut groups: BTreeMap<u32, u64> = BTreeMap::new();
     for (&group, prototype) in instances.group.iter().zip(&instances.prototype) {
         if group != 0 {
-            *groups.entry(group).or_default() += triangles.get(prototype).copied().unwrap_or(0);
+            *groups.entry(group).or_default() += seen.get(prototype).copied().unwrap_or(0);
         }
     }
     let baked: u64 = groups.values().filter(|&&sum| u128::from(sum) <= BAKED).sum();
-    let stored = triangles.values().sum::<u64>() + baked + other_triangles;
-    104 * stored + 72 * instances.len() as u64
+    104 * (stored + baked) + 72 * placements
 }
 
 /// Groups of at most this many triangles are copied into one mesh of their own: a few megabytes
@@ -288,6 +306,8 @@ struct Assembly {
     materials: Vec<Material>,
     /// How each of the materials is painted, if it is.
     brushes: Vec<Option<Brush>>,
+    /// Materials by species and name, with their numbers.
+    known: BTreeMap<(u32, String), Vec<(weald_contract::Material, u16)>>,
     gallery: Gallery,
     /// Charts and outlines of all models, in the order in which threads came by, which shows
     /// nowhere.
@@ -317,6 +337,7 @@ impl Assembly {
             plants: Vec::new(),
             placements: 0,
             brushes: vec![None; materials.len()],
+            known: BTreeMap::new(),
             materials,
             gallery: Gallery::default(),
             paints: Mutex::default(),
@@ -357,32 +378,78 @@ impl Assembly {
         let plants: Vec<&Representative> =
             parts.palette.representatives.iter().filter(|plant| used.contains(&plant.id)).collect();
         progress.begin("plant models", plants.len() as u64, "plants");
-        let flat: Vec<Result<Level, Error>> = plants
+        let models = self.known_models(&plants, parts)?;
+        let nested = Nested::find(&models);
+        let organs = self.add_organs(&models, &nested)?;
+        let named: Vec<_> = plants.iter().zip(&models).zip(&nested.of_model).collect();
+        let flat: Vec<Result<Level, Error>> = named
             .par_iter()
-            .zip(self.material_bases(&plants, parts)?)
-            .map(|(plant, (model, base))| {
+            .map(|((plant, (model, materials)), nested)| {
                 if progress.is_cancelled() {
                     return Err(Error::Cancelled);
                 }
-                let what = format!("prototype {} ({})", plant.id, plant.species);
-                let level = self.level_of(&model, &what, base)?;
+                let is_nested = |organ: usize| nested.contains_key(&organ);
+                let shape =
+                    model::shape(model, &named_plant(plant), &self.look(materials), &is_nested);
+                let level = self.level_of(shape?);
                 progress.advance(1);
                 Ok(level)
             })
             .collect();
-        for (plant, level) in plants.iter().zip(flat) {
-            let number = self.push(level?, 1);
-            self.by_id.insert(plant.id, (number, 0));
+        for (((plant, (model, _)), nested), level) in named.into_iter().zip(flat) {
+            let (number, depth) = if nested.is_empty() {
+                (self.push(level?, 1), 0)
+            } else {
+                let rest = self.push(level?, 0);
+                (self.push_nested(rest, model, nested, &organs, &named_plant(plant))?, 1)
+            };
+            self.by_id.insert(plant.id, (number, depth));
         }
         Ok(())
     }
 
-    /// Fetches all models and gives each the number of its first material.
-    fn material_bases(
+    /// Adds a level for each organ that is kept once; returns their numbers.
+    fn add_organs(&mut self, models: &[Known], nested: &Nested) -> Result<Vec<u32>, Error> {
+        let level = |&(model, organ): &(usize, usize)| {
+            let (plant, materials) = &models[model];
+            let organ = &plant.organs[organ];
+            let shape = model::organ_shape(plant, organ, &plant.name, &self.look(materials))?;
+            Ok(self.level_of(shape))
+        };
+        let levels: Vec<Result<Level, Error>> = nested.originals.par_iter().map(level).collect();
+        levels.into_iter().map(|level| Ok(self.push(level?, 0))).collect()
+    }
+
+    /// Adds the level of a plant: the rest of it, and its nested organs at their places.
+    fn push_nested(
+        &mut self,
+        rest: u32,
+        model: &PlantModel,
+        nested: &BTreeMap<usize, usize>,
+        organs: &[u32],
+        what: &str,
+    ) -> Result<u32, Error> {
+        let mut placed = vec![(standing_at([0.0; 3], 0.0, 1.0, rest), 0)];
+        for (&organ, &original) in nested {
+            let organ = &model.organs[organ];
+            for place in &organ.placements {
+                let (turn, scale, position) = model::checked(place, organ)
+                    .map_err(|why| Error::BadModel { what: what.to_string(), why })?;
+                let (turn, position) = (turn.to_array(), position.to_array());
+                placed.push((Instance::new(turn, scale.x, position, organs[original]), 0));
+            }
+        }
+        self.placements += placed.len() as u64;
+        let group = Level::group(&placed, &self.levels);
+        Ok(self.push(group, 1))
+    }
+
+    /// Fetches all models and numbers their materials.
+    fn known_models(
         &mut self,
         plants: &[&Representative],
         parts: &Parts<'_>,
-    ) -> Result<Vec<(Arc<PlantModel>, u16)>, Error> {
+    ) -> Result<Vec<Known>, Error> {
         let models: Vec<Result<Arc<PlantModel>, Problem>> =
             plants.par_iter().map(|plant| parts.prototypes.model(plant.id)).collect();
         models
@@ -391,49 +458,63 @@ impl Assembly {
             .map(|(model, plant)| {
                 let model = model?;
                 let species = parts.species.binary_search(&plant.species);
-                let what = format!("prototype {} ({})", plant.id, plant.species);
                 let species = species.map_or(0, |i| i as u32 + 1);
-                let base = self.add_materials(&model, &what, species)?;
-                Ok((model, base))
+                let materials = self.add_materials(&model, &named_plant(plant), species)?;
+                Ok((model, materials))
             })
             .collect()
     }
 
-    /// Takes over a model's materials; returns the number of the first.
+    /// Takes over a model's materials; returns their numbers. Those that are there already, as of
+    /// another plant of the species, are not added again.
     fn add_materials(
         &mut self,
         model: &PlantModel,
         what: &str,
         species: u32,
-    ) -> Result<u16, Error> {
+    ) -> Result<Vec<u16>, Error> {
         self.models += 1;
-        let base = self.materials.len();
+        let mut numbers = Vec::with_capacity(model.materials.len());
         for source in &model.materials {
             let brush = self.gallery.brush(source, model).map_err(|why| Error::BadModel {
                 what: what.to_string(),
                 why: format!("material `{}` {why}", source.name),
             })?;
+            let alike = self.known.entry((species, source.name.clone())).or_default();
+            let same = alike.iter().find(|(known, number)| {
+                let brushes = (self.brushes[usize::from(*number)], brush);
+                brushes.0 == brushes.1 && is_same(known, source)
+            });
+            if let Some((_, number)) = same {
+                numbers.push(*number);
+                continue;
+            }
+            let count = self.materials.len();
+            if count >= usize::from(u16::MAX) {
+                let what = "materials of all models".to_string();
+                return Err(Error::TooMany { what, count, limit: usize::from(u16::MAX) });
+            }
+            alike.push((source.clone(), count as u16));
+            numbers.push(count as u16);
             let texture = brush.map(|brush| brush.texture);
             self.materials.push(Material { texture, ..model::material(source, species) });
             self.brushes.push(brush);
         }
-        let count = self.materials.len();
-        if count > usize::from(u16::MAX) {
-            let what = "materials of all models".to_string();
-            return Err(Error::TooMany { what, count, limit: usize::from(u16::MAX) });
-        }
-        Ok(base as u16)
+        Ok(numbers)
     }
 
-    /// The level of a model whose materials begin with number `base`.
-    fn level_of(&self, model: &PlantModel, what: &str, base: u16) -> Result<Level, Error> {
-        let brushes = &self.brushes[usize::from(base)..][..model.materials.len()];
-        let mut shape = model::shape(model, what, base, brushes, &self.gallery.textures)?;
+    /// What surfaces of a model are made of whose materials have these numbers.
+    fn look<'a>(&'a self, materials: &'a [u16]) -> Look<'a> {
+        Look { materials, brushes: &self.brushes, textures: &self.gallery.textures }
+    }
+
+    /// The level of a shape, whose charts join those of all models.
+    fn level_of(&self, mut shape: Shape) -> Level {
         {
             let mut all = self.paints.lock().unwrap_or_else(PoisonError::into_inner);
             shape.join(&mut all);
         }
-        Ok(Level::mesh(&shape.triangles))
+        Level::mesh(&shape.triangles)
     }
 
     /// Adds the group levels, inner ones first.
@@ -525,9 +606,9 @@ impl Assembly {
                 let why = "its place, turn or scale is no sensible number".to_string();
                 return Err(Error::BadModel { what, why });
             }
-            let base = self.add_materials(&object.model, &what, 0)?;
-            let level = self.level_of(&object.model, &what, base)?;
-            let level = self.push(level, 0);
+            let materials = self.add_materials(&object.model, &what, 0)?;
+            let shape = model::shape(&object.model, &what, &self.look(&materials), &|_| false)?;
+            let level = self.push(self.level_of(shape), 0);
             top.push((standing_at(position, object.yaw, object.scale, level), 0));
         }
         Ok(())
@@ -572,6 +653,17 @@ impl Assembly {
         statistics.instanced_primitives = top + water;
         statistics
     }
+}
+
+/// A representative as errors name it.
+fn named_plant(plant: &Representative) -> String {
+    format!("prototype {} ({})", plant.id, plant.species)
+}
+
+/// Whether two materials are alike but for the place of their texture, which brushes tell.
+fn is_same(a: &weald_contract::Material, b: &weald_contract::Material) -> bool {
+    (a.reflectance, a.roughness, a.surface, a.cutout)
+        == (b.reflectance, b.roughness, b.surface, b.cutout)
 }
 
 /// Ids that the scene reaches through its groups.
@@ -829,6 +921,73 @@ mod tests {
         let alone = with(1);
         assert!(alone.2.plants > 60);
         assert!(alone == with(2), "two threads gave other bits than one");
+    }
+
+    /// A stick with a crown of bristles at many places; the scales of its axes decide whether it may
+    /// be a level.
+    fn bristly(stretch: f32) -> PlantModel {
+        let mut bristles = Mesh { material: 0, ..Mesh::default() };
+        for number in 0..70u32 {
+            let angle = 0.09 * number as f32;
+            let (sin, cos) = (0.3 * angle.sin(), 0.3 * angle.cos());
+            bristles.positions.extend([[0.0; 3], [sin, cos, 0.1], [sin, cos, 0.15]]);
+            bristles.triangles.push([0, 1, 2].map(|corner| 3 * number + corner));
+        }
+        let place = |number: u32| weald_contract::Placement {
+            position: [0.1 * number as f32, -0.05 * number as f32, 1.0 + 0.02 * number as f32],
+            rotation: Quat::from_rotation_y(0.3 * number as f32).to_array(),
+            scale: [
+                1.0 + 0.01 * number as f32,
+                1.0 + 0.01 * number as f32,
+                1.0 + 0.01 * number as f32 + stretch,
+            ],
+        };
+        let organ = weald_contract::Organ {
+            name: "crown".into(),
+            meshes: vec![bristles],
+            placements: (0..20).map(place).collect(),
+            ..weald_contract::Organ::default()
+        };
+        PlantModel { organs: vec![organ], ..plant() }
+    }
+
+    #[test]
+    fn rays_meet_an_organ_that_is_kept_once_where_they_meet_its_copies() {
+        let rows = [Row { plant_id: 7, ..row(0, 1) }];
+        let [kept, copied] =
+            [0.0, 1e-6].map(|stretch| scene(bristly(stretch), &rows).expect("it is sound"));
+        let triangles = |scene: &Scene| scene.statistics().unique_primitives;
+        assert_eq!(triangles(&copied) - triangles(&kept), 19 * 70);
+        assert_eq!(kept.statistics().plants, 1);
+        assert_eq!(
+            kept.statistics().instanced_primitives,
+            copied.statistics().instanced_primitives
+        );
+        let mut scratch = crate::accel::Scratch::default();
+        let mut chance = weald_contract::Seed(7).stream("rays", 0);
+        let foot = [0, 1, 2].map(|axis| (rows[0].position[axis] - kept.origin[axis]) as f32);
+        let mut met = 0;
+        for _ in 0..4000 {
+            let mut point = || {
+                let aside = Vec3::from_array([0; 3].map(|_| chance.range(-3.0, 3.0) as f32));
+                Vec3::from(foot) + Vec3::Z + aside
+            };
+            let (origin, target) = (point(), point());
+            let direction = (target - origin).normalize_or(Vec3::X);
+            let ray = crate::accel::Ray { origin, direction };
+            let [a, b] = [&kept, &copied].map(|scene| {
+                let hit = scene.levels.nearest(scene.solid, &ray, f32::INFINITY, &mut scratch);
+                let place = hit.is_some().then(|| scene.levels.place(scene.solid, &hit));
+                (hit.t, place.map(|place| (place.plant, place.geometric)))
+            });
+            assert!(a.0 == b.0 || (a.0 - b.0).abs() < 1e-3, "{a:?} {b:?}");
+            if let (Some(a), Some(b)) = (a.1, b.1) {
+                assert_eq!(a.0, b.0);
+                assert!(a.1.dot(b.1).abs() > 0.999);
+                met += usize::from(a.0 != 0);
+            }
+        }
+        assert!(met > 100, "{met}");
     }
 
     fn table<T: weald_contract::FromToml>(text: &str) -> T {

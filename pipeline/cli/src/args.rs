@@ -346,6 +346,9 @@ pub struct Plants {
     /// The thinnest branches with their leaves as pictures on cards.
     #[arg(long)]
     pub twig_cards: bool,
+    /// For a palette: so many different twigs a species, each kept once and shared by its models.
+    #[arg(long, value_name = "NUMBER", conflicts_with = "twig_cards", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub shared_twigs: Option<u32>,
     /// Draw the branches as black cones on white instead of a portrait.
     #[arg(long)]
     pub schematic: bool,

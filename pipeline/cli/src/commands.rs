@@ -367,6 +367,7 @@ fn conditions_of(arguments: &args::Plants) -> specimen::Conditions {
         wind: arguments.wind,
         leaf_cards: arguments.leaf_cards,
         twig_cards: arguments.twig_cards,
+        shared_twigs: arguments.shared_twigs,
     }
 }
 

@@ -205,15 +205,15 @@ impl Listener for Shown {
 
 /// A report on one line: names and numbers.
 pub fn in_words(report: &Json) -> String {
-    let parts = report.as_object().into_iter().flatten().map(|(name, value)| match value {
+    let named = |name: &str, value: &Json| format!("{} {}", plain(value), name.replace('_', " "));
+    let parts = report.as_object().into_iter().flatten().filter_map(|(name, value)| match value {
+        // Tables of tables are told line by line, or by `--json`.
+        Json::Object(inner) if inner.values().any(Json::is_object) => None,
         Json::Object(inner) => {
-            let inner: Vec<String> = inner
-                .iter()
-                .map(|(name, value)| format!("{} {}", plain(value), name.replace('_', " ")))
-                .collect();
-            inner.join(", ")
+            let inner: Vec<String> = inner.iter().map(|(name, value)| named(name, value)).collect();
+            Some(inner.join(", "))
         }
-        other => format!("{} {}", plain(other), name.replace('_', " ")),
+        other => Some(named(name, other)),
     });
     parts.collect::<Vec<_>>().join(", ")
 }

@@ -371,3 +371,30 @@ fn more_memory_holds_more_models_and_too_little_is_told() {
     assert_eq!(refused.code, 2, "{}", refused.err);
     assert!(refused.err.contains("memory_gb") && !tiny.path("none").exists(), "{}", refused.err);
 }
+
+#[test]
+fn models_share_twigs_where_they_are_asked_to() {
+    let tiny = Tiny::new();
+    tiny.done("terrain scene -o terrain");
+    tiny.done("ecosim scene --terrain terrain -o plants.parquet");
+    tiny.done("quantize plants.parquet --scene scene -k 3 -o out");
+    let report = |folder: &str, more: &str| -> serde_json::Value {
+        let command = format!("plants out/palette.toml -o {folder} --json {more}");
+        let report: serde_json::Value =
+            serde_json::from_str(&tiny.done(&command).out).expect("JSON");
+        report["report"]["instancing"].clone()
+    };
+    let own = report("own", "");
+    let shared = report("shared", "--shared-twigs 4 --threads 1");
+    assert_eq!(own["twigs"]["prototypes"], 0);
+    assert_eq!(shared["twigs"]["prototypes"], 4, "{shared}");
+    let bytes = |levels: &serde_json::Value| levels["bytes"].as_f64().expect("a number");
+    assert!(bytes(&shared) < bytes(&own));
+    report("again", "--shared-twigs 4 --threads 2");
+    let bytes = |path: &str| std::fs::read(tiny.path(path)).expect("a model");
+    assert_eq!(bytes("shared/0001.glb"), bytes("again/0001.glb"));
+    let both = "\n[plants]\nshared_twigs = 4\ntwig_cards = true\n";
+    tiny.write("scene/scene.toml", &(tiny.read("scene/scene.toml") + both));
+    let refused = tiny.weald("check scene");
+    assert!(refused.code == 2 && refused.err.contains("shared_twigs"), "{}", refused.err);
+}

@@ -21,6 +21,7 @@ pub mod export;
 pub mod files;
 mod footprint;
 pub mod info;
+pub mod instancing;
 pub mod library;
 pub mod make;
 pub mod parameters;

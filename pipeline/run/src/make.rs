@@ -11,6 +11,7 @@ mod plants;
 mod quantize;
 mod render;
 mod terrain;
+mod twigs;
 
 pub use ecosim::{EcosimPaths, ecosim};
 pub use levels::{Leveled, Pixels, level};
@@ -18,6 +19,7 @@ pub use plants::{Growing, grow_coarse, grow_one, model_file, plant_file, plants,
 pub use quantize::{Quantizing, quantize};
 pub use render::{RenderPaths, render, species_names};
 pub use terrain::{named_layers, terrain};
+pub(crate) use twigs::SharedTwigs;
 
 use crate::error::{Error, Result};
 use crate::footprint;

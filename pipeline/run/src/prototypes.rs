@@ -1,7 +1,7 @@
 //! Plant models served from a folder, one file a representative and level of detail.
 
 use crate::error::{Error, Result};
-use crate::make::{Growing, Leveled, plant_file};
+use crate::make::{Growing, Leveled, SharedTwigs, plant_file};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -40,12 +40,13 @@ impl HeldPrototypes {
     /// # Errors
     /// A species cannot be grown, or the caller asked to stop.
     pub fn grow(palette: &Palette, growing: &Growing<'_>, progress: &dyn Progress) -> Result<Self> {
+        let twigs = SharedTwigs::of(growing, palette, progress)?;
         progress.begin("weighing models", palette.representatives.len() as u64, "plants");
         let models = palette.representatives.par_iter().map(|plant| {
             if progress.is_cancelled() {
                 return Err(Error::Stopped { saved: false });
             }
-            let model = growing.grow(plant)?;
+            let model = growing.grow(plant, &twigs)?;
             progress.advance(1);
             Ok((plant.id, Arc::new(model)))
         });
@@ -61,8 +62,6 @@ impl HeldPrototypes {
     /// Memory that a scene of these models, where they are placed, objects and a terrain of so many
     /// cells will take, bytes.
     pub fn bytes(&self, instances: &Instances, objects: &[Object], cells: u64) -> u64 {
-        let models = self.models.iter();
-        let triangles = models.map(|(&id, model)| (id, model.instanced_triangles())).collect();
         let objects: u64 = objects.iter().map(|object| object.model.instanced_triangles()).sum();
         // Models of a species hold the same textures, which the scene keeps once.
         let textures = self.models.values().flat_map(|model| &model.textures);
@@ -71,7 +70,7 @@ impl HeldPrototypes {
         let texels: usize = different.into_iter().map(|(_, texels)| texels).sum();
         // With their smaller copies a third more.
         let textures = 6 * texels as u64;
-        weald_render::estimate_bytes(&triangles, instances, objects + 2 * cells) + textures
+        weald_render::estimate_bytes(&self.models, instances, objects + 2 * cells) + textures
     }
 }
 

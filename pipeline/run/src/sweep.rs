@@ -9,6 +9,7 @@ use crate::alone::{Fields, config_of, folder_of, story};
 use crate::analysis::plot;
 use crate::appearance::{Likeness, Shape, likeness};
 use crate::error::{Error, Result};
+use crate::instancing::{INSTANCE_BYTES, Instancing, TRIANGLE_BYTES};
 use crate::make::{Quantizing, grow_one};
 use crate::preview::{self, Sketch};
 use crate::recipe::Stage;
@@ -31,13 +32,6 @@ const MAP_SIDE: usize = 480;
 /// Plants that are grown exactly for each row: enough for the mean to settle to about a
 /// hundredth, few enough to grow in seconds.
 const SAMPLE: usize = 48;
-
-/// Bytes of a stored triangle with its share of vertices: three indices of 4 bytes, and half a
-/// vertex of position, normal and texture coordinate, 32 bytes.
-const TRIANGLE_BYTES: u64 = 12 + 16;
-
-/// Bytes of an instance: a transform of 3 by 4 numbers of 4 bytes, and a number of what stands there.
-const INSTANCE_BYTES: u64 = 48 + 4;
 
 /// What one number of models a species costs and saves.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -185,12 +179,8 @@ impl Work<'_> {
         let unique = models.iter().map(PlantModel::unique_triangles).sum::<u64>();
         let organs = models.iter().flat_map(|model| &model.organs);
         let organ_count: u64 = organs.map(|organ| organ.placements.len() as u64).sum();
-        let seen = seen(quantized);
-        let instanced: u64 = seen
-            .iter()
-            .zip(models)
-            .map(|(seen, model)| (seen * model.instanced_triangles() as f64) as u64)
-            .sum();
+        let saved = Instancing::of(palette, instances, &models.iter().collect::<Vec<_>>());
+        let instanced = saved.triangles_without as u64;
         let bytes =
             unique * TRIANGLE_BYTES + (organ_count + instances.len() as u64) * INSTANCE_BYTES;
         let bytes_without = instanced * TRIANGLE_BYTES;
@@ -263,23 +253,6 @@ fn exact(plant: &Plant, model: &Representative) -> Representative {
         count: 1,
         ..model.clone()
     }
-}
-
-/// Times each representative is seen in the scene, through all groups.
-fn seen(quantized: &Quantized) -> Vec<f64> {
-    let (palette, instances) = (&quantized.palette, &quantized.instances);
-    let count = palette.representatives.len() + palette.groups.len() + 1;
-    let mut seen = vec![0.0; count];
-    seen[0] = 1.0;
-    // Rows of the scene come first, then those of each group; a group stands after those that
-    // contain it, so one pass in the order of the rows sees every group's own number complete.
-    for (group, prototype) in instances.group.iter().zip(&instances.prototype) {
-        let times = seen.get(*group as usize).copied().unwrap_or(0.0);
-        if let Some(seen) = seen.get_mut(*prototype as usize) {
-            *seen += times;
-        }
-    }
-    seen.get(1..=palette.representatives.len()).map(<[f64]>::to_vec).unwrap_or_default()
 }
 
 fn mean(values: impl Iterator<Item = (f64, f64)>) -> f64 {
@@ -403,39 +376,5 @@ impl fmt::Display for Sweep {
             )?;
         }
         self.files.iter().try_for_each(|path| writeln!(f, "wrote {}", path.display()))
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use weald_contract::{Group, Instances, Palette};
-
-    #[test]
-    fn plants_in_patches_in_patches_are_seen_as_often_as_their_patches() {
-        let plant = Representative {
-            id: 1,
-            species: "tuft".into(),
-            age: 1.0,
-            vigor: 1.0,
-            height: 0.2,
-            radius: 0.1,
-            weight: 1.0,
-            count: 3,
-        };
-        let group = |id| Group { id, species: "turf".into(), age: 1.0, vigor: 1.0, count: 2 };
-        let palette = Palette { representatives: vec![plant], groups: vec![group(2), group(3)] };
-        // The scene holds a plant and two of patch 2, which holds three of patch 3, which holds
-        // two plants and stands once in the scene as well: 1 + (2 * 3 + 1) * 2 plants.
-        let instances = Instances {
-            group: vec![0, 0, 0, 0, 2, 2, 2, 3, 3],
-            prototype: vec![1, 2, 2, 3, 3, 3, 3, 1, 1],
-            ..Instances::default()
-        };
-        let plants = Population::default();
-        let species = BTreeMap::new();
-        let work = Work { config: Config::default(), plants: &plants, species: &species, seed: 1 };
-        let quantized = Quantized { palette, instances, report: work.quantize(1).unwrap().report };
-        assert_eq!(seen(&quantized), [15.0]);
     }
 }

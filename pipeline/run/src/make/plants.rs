@@ -1,7 +1,9 @@
 //! Plants: a model for every representative of a palette.
 
+use super::twigs::SharedTwigs;
 use super::{Made, make_folder, parent, stage_seed};
 use crate::error::{Error, Result};
+use crate::instancing::Instancing;
 use crate::parameters::canonical;
 use crate::preview;
 use crate::recipe::Stage;
@@ -10,7 +12,7 @@ use rayon::prelude::*;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
-use weald_contract::{PlantModel, Progress, Representative, Seed, Sources};
+use weald_contract::{Instances, PlantModel, Progress, Representative, Seed, Sources};
 use weald_formats::Provenance;
 use weald_plants::detail::Detail;
 use weald_plants::{Conditions, Form, Skeleton, Stature, look};
@@ -71,15 +73,16 @@ impl<'a> Growing<'a> {
     /// The palette is damaged, a species cannot be grown, or the disk refuses.
     pub fn make(
         &self,
-        palette: &Path,
+        palette_file: &Path,
         folder: &Path,
         mut provenance: Provenance,
         progress: &dyn Progress,
     ) -> Result<Made> {
-        provenance.inputs.push(parent(palette)?);
-        let palette = weald_formats::read_palette(palette)?;
+        provenance.inputs.push(parent(palette_file)?);
+        let palette = weald_formats::read_palette(palette_file)?;
         make_folder(folder)?;
         let representatives = &palette.representatives;
+        let twigs = SharedTwigs::of(self, &palette, progress)?;
         progress.begin("growing plants", representatives.len() as u64, "plants");
         let grown: Vec<(String, PlantModel)> = representatives
             .par_iter()
@@ -87,9 +90,12 @@ impl<'a> Growing<'a> {
                 if progress.is_cancelled() {
                     return Err(Error::Stopped { saved: false });
                 }
-                let model = self.grow(plant)?;
+                let model = self.grow(plant, &twigs)?;
                 // A model's story is its own: other species of the scene do not change its bytes.
-                let story = plant_provenance(&provenance, plant);
+                let mut story = plant_provenance(&provenance, plant);
+                if let Some(count) = self.conditions.shared_twigs {
+                    story.parameters["shared_twigs"] = json!(count);
+                }
                 let path = folder.join(plant_file(plant.id, 0));
                 weald_formats::write_plant(&path, &model, &story)?;
                 self.write_levels(plant, folder, &story)?;
@@ -105,10 +111,20 @@ impl<'a> Growing<'a> {
         let files = files.collect();
         let unique: u64 = grown.iter().map(|(_, model)| model.unique_triangles()).sum();
         let instanced: u64 = grown.iter().map(|(_, model)| model.instanced_triangles()).sum();
-        let report = json!({
+        let mut report = json!({
             "models": grown.len(), "triangles": unique, "instanced_triangles": instanced,
         });
-        let mut made = Made { files, report, ..Made::default() };
+        if self.conditions.shared_twigs.is_some() {
+            report["twigs"] = json!(twigs.reports());
+        }
+        let mut words = String::new();
+        if let Some(instances) = beside(palette_file)? {
+            let models: Vec<&PlantModel> = grown.iter().map(|(_, model)| model).collect();
+            let instancing = Instancing::of(&palette, &instances, &models);
+            words = instancing.to_string();
+            report["instancing"] = json!(instancing);
+        }
+        let mut made = Made { files, report, words };
         let sheet: Vec<_> = grown.iter().map(|(name, model)| (name.clone(), model)).collect();
         let sheet = preview::contact_sheet(&sheet, SHEET_CELL);
         made.preview(&folder.with_extension("png"), &sheet, &provenance)?;
@@ -140,20 +156,43 @@ impl<'a> Growing<'a> {
         Ok(())
     }
 
-    /// Grows one representative.
-    pub(crate) fn grow(&self, plant: &Representative) -> Result<PlantModel> {
+    /// Grows one representative, with the twigs that its species shares.
+    pub(crate) fn grow(&self, plant: &Representative, twigs: &SharedTwigs) -> Result<PlantModel> {
+        let found = self.found(plant)?;
+        let Self { conditions, seed, sources, .. } = *self;
+        if !twigs.has(plant) {
+            return grow_one(sources, found, plant, conditions, seed);
+        }
+        let skeleton = twigs.shared(plant, &self.dressed(plant)?);
+        Ok(look::level(&name(plant), &skeleton, &found.look, conditions, &Detail::FULL))
+    }
+
+    /// The skeleton of a representative, with all that it bears.
+    pub(super) fn dressed(&self, plant: &Representative) -> Result<Skeleton> {
+        dressed(self.sources, self.found(plant)?, plant, self.conditions, self.seed)
+    }
+
+    fn found(&self, plant: &Representative) -> Result<&SceneSpecies> {
         let found = self.species.get(&plant.species);
-        match found.filter(|found| found.form.is_some()) {
-            Some(found) => grow_one(self.sources, found, plant, self.conditions, self.seed),
-            None => Err(Error::plain(
+        found.filter(|found| found.form.is_some()).ok_or_else(|| {
+            Error::plain(
                 format!(
                     "no `[form]` for representative {} of species `{}`",
                     plant.id, plant.species
                 ),
                 "add a `[form]` to the species' file: it says how the plant is grown",
-            )),
-        }
+            )
+        })
     }
+}
+
+/// The instances that quantize wrote beside a palette; a palette may stand alone.
+fn beside(palette: &Path) -> Result<Option<Instances>> {
+    let path = palette.with_file_name("instances.parquet");
+    if !path.is_file() {
+        return Ok(None);
+    }
+    Ok(Some(weald_formats::read_instances(&path)?))
 }
 
 /// Side of a model's cell on the contact sheet, pixels.
@@ -184,20 +223,16 @@ pub fn grow_one(
     conditions: &Conditions,
     seed: Seed,
 ) -> Result<PlantModel> {
-    let name = format!("{}-{}", plant.species, plant.id);
-    let size = &found.species.size;
     if let Some(Form::Model(form)) = &found.form {
         let model = weald_formats::read_model(&model_file(found, form))?;
-        let stature = Stature::new(size, plant).map_err(|error| told(sources, error))?;
-        return Ok(PlantModel { name, ..form.fit(model, &stature) });
+        let stature =
+            Stature::new(&found.species.size, plant).map_err(|error| told(sources, error))?;
+        return Ok(PlantModel { name: name(plant), ..form.fit(model, &stature) });
     }
-    let skeleton = skeleton_of(sources, found, plant, seed)?;
-    let maturity = (plant.height / size.height).clamp(0.0, 1.0);
-    let seed = own_seed(plant, seed);
-    Ok(look::dressed(&name, skeleton, &found.look, conditions, maturity, seed))
+    grow_coarse(sources, found, plant, conditions, &Detail::FULL, seed)
 }
 
-/// Grows one plant with less detail.
+/// Grows one plant with so much detail.
 ///
 /// # Errors
 /// The form or size cannot be grown.
@@ -209,12 +244,26 @@ pub fn grow_coarse(
     detail: &Detail,
     seed: Seed,
 ) -> Result<PlantModel> {
+    let skeleton = dressed(sources, found, plant, conditions, seed)?;
+    Ok(look::level(&name(plant), &skeleton, &found.look, conditions, detail))
+}
+
+fn name(plant: &Representative) -> String {
+    format!("{}-{}", plant.species, plant.id)
+}
+
+/// The skeleton of a plant with all that it bears.
+fn dressed(
+    sources: &Sources,
+    found: &SceneSpecies,
+    plant: &Representative,
+    conditions: &Conditions,
+    seed: Seed,
+) -> Result<Skeleton> {
     let mut skeleton = skeleton_of(sources, found, plant, seed)?;
     let maturity = (plant.height / found.species.size.height).clamp(0.0, 1.0);
-    let seed = own_seed(plant, seed);
-    let name = format!("{}-{}", plant.species, plant.id);
-    look::dress(&mut skeleton, &found.look, conditions, maturity, seed);
-    Ok(look::level(&name, &skeleton, &found.look, conditions, detail))
+    look::dress(&mut skeleton, &found.look, conditions, maturity, own_seed(plant, seed));
+    Ok(skeleton)
 }
 
 /// The bare skeleton of a plant that [`grow_one`] would grow.

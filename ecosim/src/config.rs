@@ -8,8 +8,8 @@ use weald_contract::formula::Variable;
 use weald_contract::source::nearest;
 use weald_contract::table::{Json, Kind, Tagged};
 use weald_contract::{
-    Formula, FromToml, Input, InputKind, Problem, Problems, Species, Value, Written, choice, table,
-    words,
+    Formula, FromToml, Input, InputKind, PLANT_COLUMNS, Problem, Problems, Species, Value, Written,
+    choice, table, words,
 };
 
 table! {
@@ -204,6 +204,18 @@ table! {
         /// Weight of the vertical against the ground's normal in the axis, 0 to 1: a formula, or a
         /// range; left out, the species'.
         upright: Option<Attribute> = None;
+        /// Further columns for its plants, as the members of a group may ask for.
+        amount: Vec<Amount> = Vec::new();
+    }
+}
+
+table! {
+    /// A column of the plants table, by which the number of some members of a group is multiplied.
+    pub struct Amount {
+        /// Name of the column.
+        name: Written<String>;
+        /// Its values, at least 0.
+        formula: Written<Formula>;
     }
 }
 
@@ -536,7 +548,9 @@ impl Step {
         match self {
             Self::Halftone(h) => {
                 let attributes = [&h.age, &h.vigor, &h.height, &h.yaw_deg, &h.upright];
-                h.formula.iter().chain(attributes.into_iter().flat_map(attribute_formula)).collect()
+                let attributes = attributes.into_iter().flat_map(attribute_formula);
+                let amounts = h.amount.iter().map(|amount| &amount.formula);
+                h.formula.iter().chain(attributes).chain(amounts).collect()
             }
             Self::Simulate(simulate) => simulate.chance.iter().collect(),
             Self::SelfThinning(_) => Vec::new(),
@@ -575,6 +589,11 @@ impl Halftone {
                 Problem::at(self.species.span, "this halftone says nowhere how dense it is")
                     .hint("give `density` (an image), `plots`, `per_m2` or `formula`"),
             );
+        }
+        for (index, Amount { name, .. }) in self.amount.iter().enumerate() {
+            let others: Vec<&str> =
+                self.amount[..index].iter().map(|other| other.name.value.as_str()).collect();
+            problems.extend(wrong_column(name, &others));
         }
         let is_group = species.get(&self.species.value).is_some_and(|s| s.0.group.is_some());
         if self.arrange == Arrange::Grid && self.cell.is_none() && !is_group {
@@ -642,10 +661,7 @@ impl Place {
 
 /// Says why a layer cannot have its name, if it cannot.
 fn wrong_name(layer: &Written<String>, others: &[&str]) -> Option<Problem> {
-    let is_letter = |c: char| c.is_ascii_lowercase() || c == '_';
-    let is_word = layer.value.starts_with(is_letter)
-        && layer.value.chars().all(|c| is_letter(c) || c.is_ascii_digit());
-    if !is_word {
+    if !is_word(&layer.value) {
         let problem = Problem::at(layer.span, format!("`{}` is no name of a layer", layer.value));
         return Some(problem.hint("lower-case letters, digits and `_` make one: `oak_density`"));
     }
@@ -653,6 +669,24 @@ fn wrong_name(layer: &Written<String>, others: &[&str]) -> Option<Problem> {
         let message = format!("formulas know another layer or image as `{}`", layer.value);
         Problem::at(layer.span, message).hint("give this one another name")
     })
+}
+
+/// Says why a column cannot have its name, if it cannot.
+fn wrong_column(name: &Written<String>, others: &[&str]) -> Option<Problem> {
+    let column = name.value.as_str();
+    if !is_word(column) {
+        let problem = Problem::at(name.span, format!("`{column}` is no name of a column"));
+        return Some(problem.hint("lower-case letters, digits and `_` make one: `daisies`"));
+    }
+    (others.contains(&column) || PLANT_COLUMNS.contains(&column)).then(|| {
+        let message = format!("plants have another column `{column}`");
+        Problem::at(name.span, message).hint("give this one another name")
+    })
+}
+
+fn is_word(name: &str) -> bool {
+    let is_letter = |c: char| c.is_ascii_lowercase() || c == '_';
+    name.starts_with(is_letter) && name.chars().all(|c| is_letter(c) || c.is_ascii_digit())
 }
 
 /// Returns a file's name without folders and ending: its name in formulas.

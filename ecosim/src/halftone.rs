@@ -2,11 +2,12 @@
 
 use crate::Error;
 use crate::attribute::{Attributes, Looks, Newcomers};
-use crate::config::{Arrange, Halftone, Method};
+use crate::config::{Amount, Arrange, Halftone, Method};
 use crate::curve::{Part, systematic};
 use crate::density::{Density, Patch, covering};
 use crate::distance::{inside, rise};
 use crate::dither::dither;
+use crate::field::BoundFormula;
 use crate::power::Shares;
 use crate::relax::{Lloyd, Relaxation};
 use crate::spacing::Keeper;
@@ -53,8 +54,25 @@ pub(crate) fn run<'a>(
     if let Some(seen) = visible::seen(halftone, f64::from(tallest), site)? {
         plants.retain(|plant| seen.nearest(plant.x, plant.y).is_some_and(|seen| seen > 0.0));
     }
-    stand.add(plants);
+    let columns = amounts(halftone, &plants, site, stand)?;
+    stand.add_with(plants, columns);
     Ok(())
+}
+
+/// The step's further columns.
+fn amounts(
+    halftone: &Halftone,
+    plants: &[Plant],
+    site: &Site<'_>,
+    stand: &Stand<'_>,
+) -> Result<Vec<(String, Vec<f32>)>, Error> {
+    let column = |amount: &Amount| {
+        let bound = BoundFormula::bind(&amount.formula, site.ground.terrain, stand)?;
+        let mut values = bound.numbers(plants.len(), |index| [plants[index].x, plants[index].y])?;
+        values.iter_mut().for_each(|value| *value = value.max(0.0));
+        Ok((amount.name.value.clone(), values))
+    };
+    halftone.amount.iter().map(column).collect()
 }
 
 impl Halftone {

@@ -147,6 +147,17 @@ impl<'a> Stand<'a> {
         self.sort();
     }
 
+    /// Adds plants with values in further columns, one a plant.
+    pub(crate) fn add_with(&mut self, plants: Vec<Plant>, columns: Vec<(String, Vec<f32>)>) {
+        let before = self.population.plants.len();
+        for (name, values) in columns {
+            let column = self.population.extra.entry(name).or_default();
+            column.resize(before, f32::NAN);
+            column.extend(values);
+        }
+        self.add(plants);
+    }
+
     /// Gives every plant a value in every extra column.
     pub(crate) fn fill_extra(&mut self) {
         for column in self.population.extra.values_mut() {

@@ -647,3 +647,23 @@ fn a_view_plants_what_it_sees_with_the_ids_of_the_whole() {
     let (problem, at) = world.mistake(&some.replace("gate", "gat"));
     assert!(problem.contains("no view") && at == "\"gat\"", "{problem} {at}");
 }
+
+#[test]
+fn amounts_are_columns_of_the_plants_that_ask_for_them() {
+    let world = plain(40, 1.0).with_species("herb", HERB);
+    let plain = "[[step]]\nkind = \"halftone\"\nspecies = \"herb\"\nper_m2 = 0.1\n";
+    let amount = "amount = [{ name = \"daisies\", formula = \"(x - 20) / 10\" }]\n";
+    let population = world.grow(&format!("{plain}{plain}{amount}")).unwrap().population;
+    let column = &population.extra["daisies"];
+    assert_eq!((population.len(), column.len()), (320, 320));
+    assert_eq!(column.iter().filter(|value| value.is_nan()).count(), 160, "of the first step");
+    for ([x, _], value) in world.places(&population).into_iter().zip(column) {
+        let wanted = ((x - 20.0) / 10.0).max(0.0) as f32;
+        assert!(value.is_nan() || (value - wanted).abs() < 1e-4, "{x} {value}");
+    }
+    for (name, word) in [("Daisies", "no name of a column"), ("height", "another column")] {
+        let steps = format!("{plain}amount = [{{ name = \"{name}\", formula = \"1\" }}]\n");
+        let error = world.grow(&steps).unwrap_err().to_string();
+        assert!(error.contains(word), "{error}");
+    }
+}

@@ -14,7 +14,7 @@ use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use weald_contract::source::nearest;
 use weald_contract::{
-    GroupMember, GroupRecipe, Population, Problem, Problems, Seed, Species, Stream,
+    GroupMember, GroupRecipe, Population, Problem, Problems, Seed, Span, Species, Stream,
 };
 
 /// Most members of all patches together: about 2 GB of plants and instances.
@@ -26,6 +26,8 @@ pub(crate) struct Patch {
     /// Mean age of the patches it stands for, years.
     pub age: f32,
     pub vigor: f32,
+    /// Values of the columns that its members, or theirs, are multiplied by.
+    pub amounts: BTreeMap<String, f64>,
     /// Rows of instances that refer to it.
     pub rows: u64,
     /// Times it is seen in the scene, through all levels.
@@ -148,10 +150,11 @@ pub(crate) fn fill(
         let group = species.get(name).and_then(|kind| kind.group.as_ref());
         let (Some(recipe), Some(places)) = (group, standing.remove(name)) else { continue };
         let first = patches.patches.len();
-        let wanted = Wanted { config, population, name, recipe };
+        let columns = amount_columns(species, name);
+        let wanted = Wanted { config, population, name, recipe, columns: &columns };
         patches.choose(&wanted, &places, seed)?;
         let new = &patches.patches[first..];
-        member_count += new.iter().map(|patch| expected_members(recipe, patch.vigor)).sum::<f64>();
+        member_count += new.iter().map(|patch| expected_members(recipe, patch)).sum::<f64>();
         if member_count > MOST_MEMBERS {
             return Err(too_many(name).into());
         }
@@ -170,13 +173,29 @@ fn too_many(name: &str) -> Problem {
     .hint("lower its `side` or `per_m2`, or `quantize.group_variants`")
 }
 
-fn expected_members(recipe: &GroupRecipe, vigor: f32) -> f64 {
-    recipe.member.iter().map(|member| expected(recipe, member, vigor)).sum()
+fn expected_members(recipe: &GroupRecipe, patch: &Patch) -> f64 {
+    recipe.member.iter().map(|member| expected(recipe, member, patch)).sum()
 }
 
 /// Mean number of plants of one member species in a patch.
-fn expected(recipe: &GroupRecipe, member: &GroupMember, vigor: f32) -> f64 {
-    f64::from(member.per_m2) * f64::from(recipe.side).powi(2) * f64::from(vigor)
+fn expected(recipe: &GroupRecipe, member: &GroupMember, patch: &Patch) -> f64 {
+    let amount = member.amount.as_ref().and_then(|column| patch.amounts.get(&column.value));
+    let full = f64::from(member.per_m2) * f64::from(recipe.side).powi(2);
+    full * f64::from(patch.vigor) * amount.copied().unwrap_or(1.0)
+}
+
+/// Columns that the members of a group are multiplied by, and those of the groups in it.
+fn amount_columns<'a>(
+    species: &'a BTreeMap<String, Species>,
+    name: &str,
+) -> BTreeMap<&'a str, Span> {
+    let mut columns = BTreeMap::new();
+    let group = species.get(name).and_then(|kind| kind.group.as_ref());
+    for member in group.iter().flat_map(|group| &group.member) {
+        columns.extend(member.amount.iter().map(|column| (column.value.as_str(), column.span)));
+        columns.extend(amount_columns(species, &member.species.value));
+    }
+    columns
 }
 
 /// The patches of one group species.
@@ -185,6 +204,8 @@ struct Wanted<'a> {
     population: &'a Population,
     name: &'a str,
     recipe: &'a GroupRecipe,
+    /// See [`amount_columns`].
+    columns: &'a BTreeMap<&'a str, Span>,
 }
 
 /// Patches nearer than this many sides are neighbours: the eight around one on a grid.
@@ -222,11 +243,16 @@ impl Patches {
         places: &[Standing],
         seed: Seed,
     ) -> Result<(), Error> {
-        let Wanted { config, name, recipe, .. } = *wanted;
-        let table = vigor_table(config, recipe, places)?;
+        let Wanted { config, name, .. } = *wanted;
+        let amounts = self.amounts(wanted, places)?;
+        let table = kind_table(wanted, places, &amounts)?;
         let book = cluster(&table, config.group_representatives as usize, config.mode);
         let mut by_vigor: Vec<usize> = (0..book.len()).collect();
-        by_vigor.sort_by(|a, b| book.centre(*a)[0].total_cmp(&book.centre(*b)[0]));
+        let order = |a: &f64, b: &f64| a.total_cmp(b);
+        by_vigor.sort_by(|a, b| {
+            let pairs = book.centre(*a).iter().zip(book.centre(*b));
+            pairs.map(|(a, b)| order(a, b)).find(|o| o.is_ne()).unwrap_or(std::cmp::Ordering::Equal)
+        });
         let mut rank = vec![0; book.len()];
         by_vigor.iter().enumerate().for_each(|(place, label)| rank[*label] = place);
 
@@ -249,6 +275,7 @@ impl Patches {
                 species: name.to_owned(),
                 age: mean_ages[label],
                 vigor: book.centre(label)[0] as f32,
+                amounts: mean_amounts(wanted.columns, &amounts, &book.centre(label)[1..]),
                 rows: 0,
                 seen: 0.0,
                 nearness: 0.0,
@@ -265,6 +292,36 @@ impl Patches {
         Ok(())
     }
 
+    /// Amounts at each place, column after column.
+    fn amounts(&self, wanted: &Wanted<'_>, places: &[Standing]) -> Result<Vec<Vec<f64>>, Problem> {
+        let Wanted { population, name, .. } = *wanted;
+        let column = |(column, span): (&&str, &Span)| {
+            let Some(values) = population.extra.get(*column) else {
+                let known = population.extra.keys().map(String::as_str);
+                return Err(lacks_column(name, column, *span, known));
+            };
+            let of = |place: &Standing| match place.place {
+                Place::Scene { index, id } => {
+                    let amount = values.get(index).copied().unwrap_or(f32::NAN);
+                    if amount.is_nan() {
+                        return Ok(1.0);
+                    }
+                    if !(amount.is_finite() && amount >= 0.0) {
+                        let message = format!("plant {id}: `{column}` is {amount}");
+                        let hint = "a finite number of at least 0 is right";
+                        return Err(Problem::new(message).hint(hint));
+                    }
+                    Ok(f64::from(amount))
+                }
+                Place::Patch { patch, .. } => {
+                    Ok(self.patches[patch].amounts.get(*column).copied().unwrap_or(1.0))
+                }
+            };
+            places.iter().map(of).collect()
+        };
+        wanted.columns.iter().map(column).collect()
+    }
+
     /// Draws the members of a patch: a new patch or plant each in `standing`.
     fn draw(
         &mut self,
@@ -278,7 +335,7 @@ impl Patches {
         for (number, member) in recipe.member.iter().enumerate() {
             let Some(kind) = species.get(&member.species.value) else { continue };
             let mut random = seed.stream("member", number as u64);
-            let count = (expected(recipe, member, patch.vigor) + random.unit()).floor() as usize;
+            let count = (expected(recipe, member, patch) + random.unit()).floor() as usize;
             let stand = standing.entry(member.species.value.clone()).or_default();
             for position in positions(count, f64::from(recipe.side), &mut random) {
                 let [youngest, oldest] = member.age.map(f64::from);
@@ -299,20 +356,59 @@ impl Patches {
     }
 }
 
-/// Vigor of each place, weighted by the ground of the patches or alike.
-fn vigor_table(
-    config: &Config,
-    recipe: &GroupRecipe,
+fn lacks_column<'a>(
+    name: &str,
+    column: &str,
+    span: Span,
+    known: impl Iterator<Item = &'a str>,
+) -> Problem {
+    let message =
+        format!("a member of group `{name}` is multiplied by `{column}`, which no plant has");
+    let problem = Problem::at(span, message);
+    match nearest(column, known) {
+        Some(near) => problem.hint(format!("did you mean `{near}`?")),
+        None => problem
+            .hint(format!("the step that plants it may have `amount = [{{ name = \"{column}\", …")),
+    }
+}
+
+/// Vigor and amounts of each place, these as parts of the greatest, weighted by the ground of the
+/// patches or alike.
+fn kind_table(
+    wanted: &Wanted<'_>,
     places: &[Standing],
+    amounts: &[Vec<f64>],
 ) -> Result<Table, Problem> {
-    let weight = |place: &Standing| match config.weights {
-        Weights::Area => place.seen * f64::from(recipe.side).powi(2),
+    let area = f64::from(wanted.recipe.side).powi(2);
+    let weight = |place: &Standing| match wanted.config.weights {
+        Weights::Area => place.seen * area,
         Weights::Uniform => 1.0,
-        Weights::View => place.nearness * f64::from(recipe.side).powi(2),
+        Weights::View => place.nearness * area,
     };
-    let vigor = places.iter().map(|place| f64::from(place.traits.vigor)).collect();
-    Table::new(vigor, 1, places.iter().map(weight).collect())
+    let greatest: Vec<f64> = amounts.iter().map(|column| greatest(column)).collect();
+    let row = |(index, place): (usize, &Standing)| {
+        let parts = amounts.iter().zip(&greatest).map(move |(column, most)| column[index] / most);
+        std::iter::once(f64::from(place.traits.vigor)).chain(parts).collect::<Vec<f64>>()
+    };
+    let values = places.iter().enumerate().flat_map(row).collect();
+    Table::new(values, 1 + amounts.len(), places.iter().map(weight).collect())
         .map_err(|error| Problem::new(error.to_string()))
+}
+
+/// The greatest amount; 1 where all are 0.
+fn greatest(column: &[f64]) -> f64 {
+    let most = column.iter().copied().fold(0.0, f64::max);
+    if most > 0.0 { most } else { 1.0 }
+}
+
+/// What the parts of a cluster's centre are in each column.
+fn mean_amounts(
+    columns: &BTreeMap<&str, Span>,
+    amounts: &[Vec<f64>],
+    parts: &[f64],
+) -> BTreeMap<String, f64> {
+    let named = columns.keys().zip(amounts).zip(parts);
+    named.map(|((name, column), part)| ((*name).to_owned(), part * greatest(column))).collect()
 }
 
 fn mean_ages(labels: &[u32], count: usize, places: &[Standing]) -> Vec<f32> {

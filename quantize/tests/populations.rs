@@ -432,3 +432,51 @@ fn the_report_reads_as_a_table() {
     assert_eq!(text.lines().count(), 2 + report.species.len() + 1);
     assert!(text.lines().all(|line| line.chars().count() <= 120));
 }
+
+#[test]
+fn a_lawn_has_as_many_daisies_as_its_column_says() {
+    let mut kinds = meadow();
+    let text = "[size]\nheight = 1\ncrown_radius = 1\n[group]\nside = 2\n\
+                [[group.member]]\nspecies = \"tuft\"\nper_m2 = 10\n\
+                [[group.member]]\nspecies = \"daisy\"\nper_m2 = 8\namount = \"daisies\"\n";
+    kinds.insert("green".into(), species(text));
+    let outer = "[size]\nheight = 1\ncrown_radius = 1\n[group]\nside = 6\n\
+                 [[group.member]]\nspecies = \"green\"\nper_m2 = 0.25\n";
+    kinds.insert("park".into(), species(outer));
+    let config = Config { group_representatives: 16, group_variants: 4, ..Config::default() };
+    for name in ["green", "park"] {
+        let mut plants = population(2000, &[name], &kinds);
+        let amounts = (0..2000).map(|i| [0.0, 0.5, 2.0, f32::NAN][i % 4]).collect();
+        plants.extra.insert("daisies".into(), amounts);
+        let found = quantize(&config, &plants, &kinds, Seed(7), &Silent).unwrap();
+        let of = |name: &str| {
+            let seen = found.report.species.iter().find(|species| species.species == name);
+            seen.map_or(0.0, |species| species.seen)
+        };
+        // Mean of 0, 0.5, 2 and 1, and of 1, times plants a square metre.
+        let ratio = of("daisy") / of("tuft");
+        assert!((ratio / (8.0 * 0.875 / 10.0) - 1.0).abs() < 0.05, "{name}: {ratio}");
+        if name == "park" {
+            continue;
+        }
+        // Patches without daisies are told from the others.
+        let daisies: BTreeSet<u32> = {
+            let of_species = found.palette.representatives.iter().filter(|r| r.species == "daisy");
+            of_species.map(|r| r.id).collect()
+        };
+        let rows = found.instances.group.iter().zip(&found.instances.prototype);
+        let with: BTreeSet<u32> =
+            rows.filter(|(_, model)| daisies.contains(model)).map(|(group, _)| *group).collect();
+        let has = |index: usize| with.contains(&found.instances.prototype[index]);
+        let count = |kind: usize| (kind..2000).step_by(4).filter(|index| has(*index)).count();
+        assert_eq!(count(0), 0);
+        assert!(count(2) > 450, "{}", count(2));
+    }
+    let plants = population(20, &["green"], &kinds);
+    let error = quantize(&config, &plants, &kinds, Seed(7), &Silent).unwrap_err().to_string();
+    assert!(error.contains("`daisies`") && error.contains("`green`"), "{error}");
+    let mut plants = plants;
+    plants.extra.insert("daisies".into(), vec![-1.0; 20]);
+    let error = quantize(&config, &plants, &kinds, Seed(7), &Silent).unwrap_err().to_string();
+    assert!(error.contains("plant 10") && error.contains("-1"), "{error}");
+}

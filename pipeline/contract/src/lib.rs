@@ -35,7 +35,7 @@ pub use picture::{Channel, Picture};
 pub use plant_model::{
     Branch, Material, Mesh, Organ, Paint, Placement, PlantModel, Surface, Texture,
 };
-pub use population::{Plant, Population, State};
+pub use population::{PLANT_COLUMNS, Plant, Population, State};
 pub use progress::{Progress, Silent};
 pub use projection::UtmZone;
 pub use seed::{Seed, Stream};

@@ -59,6 +59,25 @@ pub struct Plant {
     pub lean_azimuth: f32,
 }
 
+/// Names of the columns that every table of plants has, or that files keep for themselves: no
+/// further column may have one of them.
+pub const PLANT_COLUMNS: [&str; 14] = [
+    "id",
+    "species",
+    "x",
+    "y",
+    "z",
+    "radius",
+    "height",
+    "age",
+    "vigor",
+    "state",
+    "yaw_deg",
+    "lean_deg",
+    "lean_azimuth_deg",
+    "geometry",
+];
+
 /// All plants of a scene, in the order of their ids.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Population {

@@ -49,6 +49,9 @@ table! {
         age: [f32; 2] = [1.0, 3.0], in 0.0..=10000.0;
         /// Spread of vigor about the patch's own.
         vigor_spread: f32 = 0.2, in 0.0..=1.0;
+        /// Column of the plants table by which the number is multiplied, 1 where a patch has no value
+        /// there: how many daisies a lawn has. The `amount` of a halftone writes one.
+        amount: Option<Written<String>> = None;
     }
 }
 

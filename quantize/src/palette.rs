@@ -103,8 +103,10 @@ pub(crate) fn build(
     let mut palette = Palette::default();
     let mut prototypes = Prototypes::new(population.len(), &patches);
     let mut reports = Vec::new();
-    for ((name, plants), count) in standing.iter().zip(counts) {
+    // By value: what a species took is given back before the next.
+    for ((name, plants), count) in standing.into_iter().zip(counts) {
         stop_if_asked(progress)?;
+        let (name, plants) = (name.as_str(), plants.as_slice());
         let Some(kind) = species.get(name) else { continue };
         let table = feature_table(config, &kind.size, plants)?;
         let (book, order) = match config.max_height_error {
@@ -140,7 +142,14 @@ fn standing_in_scene(
     species: &BTreeMap<String, Species>,
     config: &Config,
 ) -> Result<BTreeMap<String, Vec<Standing>>, Problem> {
-    let mut by_index: Vec<Vec<Standing>> = vec![Vec::new(); population.species.len()];
+    // Growing vectors would take up to twice as much.
+    let mut counts = vec![0; population.species.len()];
+    for plant in &population.plants {
+        if let Some(count) = counts.get_mut(usize::from(plant.species)) {
+            *count += 1;
+        }
+    }
+    let mut by_index: Vec<Vec<Standing>> = counts.into_iter().map(Vec::with_capacity).collect();
     for (index, plant) in population.plants.iter().enumerate() {
         check_plant(plant)?;
         let Some(plants) = by_index.get_mut(usize::from(plant.species)) else {

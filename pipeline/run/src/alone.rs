@@ -84,9 +84,13 @@ pub fn quantize(
 ) -> Result<Made> {
     let mut sources = Sources::default();
     let config: weald_quantize::Config = config_of(fields, &mut sources)?;
-    let plants = weald_formats::read_population(population)?;
-    make::check_plants(population, &plants, true)?;
-    let (texts, found) = load_species(folder_of(population), plants.species.iter().cloned())?;
+    // A large population is not held twice.
+    let names = {
+        let plants = weald_formats::read_population(population)?;
+        make::check_plants(population, &plants, true)?;
+        plants.species
+    };
+    let (texts, found) = load_species(folder_of(population), names)?;
     let species: BTreeMap<_, _> =
         found.iter().map(|(name, found)| (name.clone(), found.species.clone())).collect();
     let sizes: BTreeMap<_, _> = species.iter().map(|(name, found)| (name, &found.size)).collect();

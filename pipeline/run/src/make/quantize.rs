@@ -145,6 +145,10 @@ impl Quantizing<'_> {
         let report = json!(quantized.report);
         let words = quantized.report.to_string();
         let mut made = Made { report: quantize_report(&quantized), words, ..Made::default() };
+        let models = preview::draw_models(&population, &quantized, MAP_SIDE);
+        let errors = preview::draw_errors(&population, &quantized, MAP_SIDE);
+        // Room for the columns of the instances.
+        drop(population);
         let palette = folder.join("palette.toml");
         weald_formats::write_palette(&palette, &quantized.palette, &provenance)?;
         made.wrote(&palette)?;
@@ -154,9 +158,7 @@ impl Quantizing<'_> {
         let path = folder.join("quantize.json");
         write_json(&path, &json!({ "report": report, "provenance": provenance }))?;
         made.wrote(&path)?;
-        let models = preview::draw_models(&population, &quantized, MAP_SIDE);
         made.preview(&folder.join("quantize.png"), &models, &provenance)?;
-        let errors = preview::draw_errors(&population, &quantized, MAP_SIDE);
         made.preview(&folder.join("quantize-error.png"), &errors, &provenance)?;
         Ok(made)
     }

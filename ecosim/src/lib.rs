@@ -17,6 +17,7 @@ mod competition;
 mod config;
 mod curve;
 mod density;
+mod dispersal;
 mod distance;
 mod dither;
 mod field;
@@ -31,6 +32,7 @@ mod place;
 mod plots;
 mod power;
 mod relax;
+mod seeds;
 pub mod self_thinning;
 mod shadow;
 mod simulate;
@@ -49,10 +51,12 @@ pub use config::{
     Order, Place, Plots, RelaxStep, Rim, Simulate, Spacing, Step, StepCommon, Thin, Weight,
 };
 pub use curve::{Part, systematic};
+pub use dispersal::{ExponentialPower, Gaussian, Kernel, Lognormal, TwoDt, Uniform, Wald, Wind};
 pub use dither::dither;
 pub use growth::{Growth, Law};
 pub use power::polish;
 pub use relax::{Relaxation, relax};
+pub use seeds::{DormantSeed, Mast};
 pub use simulate::{Simulation, Year};
 pub use species::Ecology;
 pub use steps::grow;
@@ -61,7 +65,7 @@ use std::collections::BTreeMap;
 use weald_contract::{Grid, Image, Layers, Population, Problem, Species, View};
 
 /// Version of what this crate computes; it changes whenever equal inputs give other plants.
-pub const OUTPUT_VERSION: u32 = 3;
+pub const OUTPUT_VERSION: u32 = 4;
 
 /// Why no population was made.
 #[derive(Debug, thiserror::Error)]
@@ -165,6 +169,8 @@ pub struct SummaryRow {
     pub mean_radius: f32,
     /// Sum of crown areas over the area of the terrain.
     pub cover: f32,
+    /// Seeds that lie in the ground at the end of the year.
+    pub seeds: u64,
 }
 
 /// The end of one plant.

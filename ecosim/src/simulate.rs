@@ -3,8 +3,9 @@
 //! The circle model of [Deussen98]. A year goes as follows:
 //!
 //! 1. plants that have reached the lifespan of their species die of old age;
-//! 2. seedlings arrive, uniformly over the terrain; those live that land where their species
-//!    can stand, with the step's `chance`; each draws its vigor ([`Ecology::vigor`]);
+//! 2. seeds fall, from mature plants by the kernel of their species and from afar anywhere; of
+//!    those in the ground where their species can stand a part germinates, and takes hold with
+//!    the step's `chance`; each seedling draws its vigor ([`Ecology::vigor`]);
 //! 3. everyone grows a year older and to the radius that `[size]` gives for age and vigor;
 //! 4. where circles intersect, the plant of smaller competitive ability, vigor times radius over
 //!    the species' greatest radius, is dominated and dies with probability 1 - survival.
@@ -17,12 +18,15 @@ use crate::config::{Edge, Simulate};
 use crate::field::BoundFormula;
 use crate::ground::Ground;
 use crate::ids::{IdSource, Tags};
+use crate::seeds::{self, DormantSeed};
 use crate::species::Ecology;
 use crate::stand::{Kind, Spot, Stand, settle};
 use crate::steps::Site;
 use crate::{Cause, Death, Error, SummaryRow, Surroundings};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
+use std::f64::consts::PI;
+use std::ops::Range;
 use weald_contract::{Plant, Population, Seed, Silent, Size, State};
 
 /// Attempts to find a place for a plant of the start before it is given up.
@@ -104,6 +108,8 @@ pub struct Year {
     pub radius_sum: f64,
     /// Sum of the areas of their circles, m².
     pub area_sum: f64,
+    /// Seeds that lie in the ground at the end.
+    pub seeds: u64,
 }
 
 /// A simulation that can be stepped year by year.
@@ -118,6 +124,8 @@ pub struct Simulation<'a> {
     sown: u64,
     year: u32,
     growers: Vec<Grower>,
+    /// Seeds in the ground, by participant.
+    bank: Vec<Vec<DormantSeed>>,
     deaths: Vec<Death>,
 }
 
@@ -142,7 +150,12 @@ impl<'a> Simulation<'a> {
             participants.push(Participant::new(species, stand.kind(species)));
         }
         let bind = |formula| BoundFormula::bind(formula, site.around.terrain, stand);
+        let of = |participant: &Participant<'_>| {
+            let is_own = |seed: &&DormantSeed| seed.species == participant.species;
+            stand.bank.iter().filter(is_own).copied().collect()
+        };
         let mut simulation = Self {
+            bank: participants.iter().map(of).collect(),
             ground: site.ground.clone(),
             chance: rules.chance.as_ref().map(bind).transpose()?,
             participants,
@@ -282,50 +295,133 @@ impl<'a> Simulation<'a> {
         self.growers.retain(|_| fates.next().is_none_or(Option::is_none));
     }
 
-    /// Returns the expected number of seeds in a year, of all species.
-    fn seeds_a_year(&self) -> f64 {
-        self.participants.iter().map(|p| self.seeds_of(p.kind.ecology)).sum()
+    /// Returns the number of seeds that the coming year is expected to bring, of all species,
+    /// with those that lie in the ground.
+    fn seeds_expected(&self) -> f64 {
+        let borne = |batch: &[Grower]| batch.iter().map(|plant| self.crop_of(plant)).sum();
+        let borne: Vec<f64> = self.growers.par_chunks(BATCH).map(borne).collect();
+        let afar = self.participants.iter().map(|p| self.seeds_from_afar(p.kind.ecology));
+        let waiting: usize = self.bank.iter().map(Vec::len).sum();
+        afar.sum::<f64>() + borne.iter().sum::<f64>() + waiting as f64
     }
 
-    fn seeds_of(&self, ecology: &Ecology) -> f64 {
+    fn seeds_from_afar(&self, ecology: &Ecology) -> f64 {
         f64::from(ecology.seedlings) * self.ground.area() / HECTARE
+    }
+
+    /// Returns the mean number of seeds that a plant bears in a year.
+    fn crop_of(&self, plant: &Grower) -> f64 {
+        let ecology = self.participants[usize::from(plant.who)].kind.ecology;
+        let is_mature = plant.age >= ecology.maturity;
+        let radius = f64::from(plant.radius);
+        if is_mature { f64::from(ecology.seeds) * PI * radius * radius } else { 0.0 }
     }
 
     fn germinate(&mut self, years: &mut [Year]) -> Result<(), Error> {
         for (who, year) in years.iter_mut().enumerate() {
             let ecology = self.participants[who].kind.ecology;
-            let expected = self.seeds_of(ecology);
-            let mut stream = self.seed.part("seeds", u64::from(self.year)).stream("", who as u64);
-            let count = (expected + stream.unit()).floor() as u64;
-            let landed = self.land(ecology, self.sown, count);
-            self.sown += count;
-            let taken = self.take_hold(landed)?;
-            let born: Vec<Grower> =
-                taken.into_par_iter().map(|(id, place)| self.grower(who, id, place, 0.0)).collect();
+            let mut ground = std::mem::take(&mut self.bank[who]);
+            ground.extend(self.fall(who));
+            let luck = self.seed.part("germination", u64::from(self.year));
+            let (sprouting, waiting) =
+                seeds::part(ground, ecology.germination, ecology.dormancy, luck);
+            self.bank[who] = waiting;
+            let born: Vec<Grower> = self
+                .take_hold(sprouting)?
+                .into_par_iter()
+                .map(|seed| self.grower(who, seed.id, [seed.x, seed.y], 0.0))
+                .collect();
             year.births += born.len() as u64;
             self.growers.extend(born);
         }
         Ok(())
     }
 
-    /// Returns the seeds, of those numbered from `first`, that land where the species can stand.
-    fn land(&self, ecology: &Ecology, first: u64, count: u64) -> Vec<(u64, [f64; 2])> {
-        (first..first + count)
-            .into_par_iter()
-            .filter_map(|counter| {
-                let id = self.ids.id(counter);
-                let [x, y] = self.anywhere(&mut self.seed.stream("seedling", id));
-                self.ground.bears(ecology, x, y).then_some((id, [x, y]))
-            })
-            .collect()
+    /// Returns the seeds of one species that fall this year where it can stand: those from afar,
+    /// then those of each mother.
+    fn fall(&mut self, who: usize) -> Vec<DormantSeed> {
+        let ecology = self.participants[who].kind.ecology;
+        let crop = ecology
+            .mast
+            .as_ref()
+            .map_or(1.0, |mast| mast.crop(self.seed.part("mast", who as u64), self.year));
+        let expected = self.seeds_from_afar(ecology) * crop;
+        let mut stream = self.seed.part("seeds", u64::from(self.year)).stream("", who as u64);
+        let from_afar = (expected + stream.unit()).floor() as u64;
+        let mothers = if ecology.seeds > 0.0 { self.mothers(who, crop) } else { Vec::new() };
+        let first = self.sown;
+        let mut fallen = self.land(who, first..first + from_afar, None);
+        let mut next = first + from_afar;
+        let mut litters = Vec::with_capacity(mothers.len());
+        for (mother, count) in mothers {
+            litters.push((mother, next..next + count));
+            next += count;
+        }
+        let land = |(mother, seeds): &(usize, Range<u64>)| {
+            self.land(who, seeds.clone(), Some(&self.growers[*mother]))
+        };
+        let litters: Vec<Vec<DormantSeed>> = litters.par_iter().map(land).collect();
+        fallen.extend(litters.into_iter().flatten());
+        self.sown = next;
+        fallen
+    }
+
+    /// Returns the plants of a species that bear seeds this year, by index, and how many each.
+    fn mothers(&self, who: usize, crop: f64) -> Vec<(usize, u64)> {
+        let luck = self.seed.part("crop", u64::from(self.year));
+        let seeds_of = |(index, plant): (usize, &Grower)| {
+            if usize::from(plant.who) != who {
+                return None;
+            }
+            let expected = self.crop_of(plant) * crop;
+            let count = (expected + luck.stream("", plant.id).unit()).floor() as u64;
+            (count > 0).then_some((index, count))
+        };
+        self.growers.par_iter().enumerate().filter_map(seeds_of).collect()
+    }
+
+    /// Returns the seeds, of those with these numbers, that land where the species can stand:
+    /// about a mother by the species' kernel, or anywhere.
+    fn land(&self, who: usize, numbers: Range<u64>, mother: Option<&Grower>) -> Vec<DormantSeed> {
+        let Participant { species, kind, .. } = &self.participants[who];
+        let kernel = mother.and_then(|mother| Some((mother, kind.ecology.dispersal.as_ref()?)));
+        let land = |number| {
+            let id = self.ids.id(number);
+            let mut stream = self.seed.stream("seedling", id);
+            let [x, y] = match kernel {
+                Some((mother, kernel)) => {
+                    let height = f64::from(kind.size.height_at(mother.age, mother.vigor));
+                    let [east, north] = kernel.offset(height, &mut stream);
+                    self.within_rims(mother.x + east, mother.y + north)
+                }
+                None => self.anywhere(&mut stream),
+            };
+            let lands = self.ground.bears(kind.ecology, x, y);
+            lands.then_some(DormantSeed { id, species: *species, x, y })
+        };
+        numbers.into_par_iter().filter_map(land).collect()
+    }
+
+    /// Brings a place back onto a torus; on open ground it may lie outside.
+    fn within_rims(&self, x: f64, y: f64) -> [f64; 2] {
+        let frame = self.ground.frame();
+        match self.rules.edge {
+            Edge::Open => [x, y],
+            Edge::Torus => {
+                let along = |at: f64, from: f64, to: f64| from + (at - from).rem_euclid(to - from);
+                [along(x, frame.west, frame.east()), along(y, frame.south, frame.north())]
+            }
+        }
     }
 
     /// Returns the seeds that the step's `chance` lets live.
-    fn take_hold(&self, landed: Vec<(u64, [f64; 2])>) -> Result<Vec<(u64, [f64; 2])>, Error> {
-        let Some(chance) = &self.chance else { return Ok(landed) };
-        let chances = chance.numbers(landed.len(), |index| landed[index].1)?;
+    fn take_hold(&self, sprouting: Vec<DormantSeed>) -> Result<Vec<DormantSeed>, Error> {
+        let Some(chance) = &self.chance else { return Ok(sprouting) };
+        let place = |index: usize| [sprouting[index].x, sprouting[index].y];
+        let chances = chance.numbers(sprouting.len(), place)?;
         let drawn = |id: u64| self.seed.stream("chance", id).unit() as f32;
-        let kept = landed.into_iter().zip(chances).filter(|((id, _), chance)| drawn(*id) < *chance);
+        let pairs = sprouting.into_iter().zip(chances);
+        let kept = pairs.filter(|(seed, chance)| drawn(seed.id) < *chance);
         Ok(kept.map(|(seed, _)| seed).collect())
     }
 
@@ -384,7 +480,7 @@ impl<'a> Simulation<'a> {
                 let radius = f64::from(plant.radius);
                 *alive += 1;
                 *radii += radius;
-                *areas += std::f64::consts::PI * radius * radius;
+                *areas += PI * radius * radius;
             }
             sums
         };
@@ -395,6 +491,9 @@ impl<'a> Simulation<'a> {
             years[who].alive += alive;
             years[who].radius_sum += radii;
             years[who].area_sum += areas;
+        }
+        for (year, bank) in years.iter_mut().zip(&self.bank) {
+            year.seeds = bank.len() as u64;
         }
     }
 }
@@ -410,13 +509,14 @@ pub(crate) fn run<'a>(
     let bystanders = (stand.population.len() - simulation.len()) as u64;
     let sown = u64::from(rules.initial) * rules.species.len() as u64;
     stand.check_room(sown, "sowing `initial` plants")?;
-    stand.check_room(simulation.seeds_a_year() as u64, "the seedlings of one year")?;
+    stand.check_room(simulation.seeds_expected() as u64, "the seeds of one year")?;
     let start = simulation.sow();
     if !is_as_recorded(&simulation, &start, stand) {
         record(&simulation, &start, stand);
     }
     for _ in 0..rules.years.value {
         site.check_cancelled()?;
+        stand.check_room(simulation.seeds_expected() as u64, "the seeds of one year")?;
         let years = simulation.step()?;
         let in_all = simulation.len() as u64 + bystanders;
         stand.check_room(in_all.saturating_sub(stand.population.len() as u64), "the simulation")?;
@@ -446,6 +546,7 @@ fn record(simulation: &Simulation<'_>, years: &[Year], stand: &mut Stand<'_>) {
         old: year.old,
         mean_radius: (year.radius_sum / (year.alive as f64).max(1.0)) as f32,
         cover: (year.area_sum / area) as f32,
+        seeds: year.seeds,
     });
     stand.summary.extend(rows);
 }
@@ -480,4 +581,9 @@ fn hand_over(simulation: Simulation<'_>, site: &Site<'_>, stand: &mut Stand<'_>)
     let newcomers: Vec<&Grower> = simulation.growers.iter().filter(|g| !g.is_settler).collect();
     stand.add(newcomers.par_iter().map(|grower| newcomer(grower)).collect());
     stand.deaths.extend(simulation.deaths);
+    let is_own = |seed: &DormantSeed| {
+        simulation.participants.iter().any(|participant| participant.species == seed.species)
+    };
+    stand.bank.retain(|seed| !is_own(seed));
+    stand.bank.extend(simulation.bank.into_iter().flatten());
 }

@@ -1,5 +1,7 @@
 //! How a species lives: the table `[ecology]` of its file.
 
+use crate::dispersal::Kernel;
+use crate::seeds::Mast;
 use weald_contract::{Seed, table};
 
 table! {
@@ -9,8 +11,20 @@ table! {
     /// growth, survival under domination, preference for wet or dry ground; and where the
     /// species cannot stand at all.
     pub struct Ecology {
-        /// Seedlings per hectare and year.
+        /// Seeds from afar, per hectare and year; they fall anywhere.
         seedlings: f32 = 20.0, in 0.0..=1000000.0;
+        /// Seeds that a mature plant bears, per m² of crown and year.
+        seeds: f32 = 0.0, in 0.0..=1000000.0;
+        /// Age from which a plant bears seeds, years.
+        maturity: f32 = 10.0, in 0.0..=10000.0;
+        /// How far its seeds fall from a plant; left out, anywhere.
+        dispersal: Option<Kernel> = None;
+        /// Years in which all plants bear most of their seeds; left out, crops are even.
+        mast: Option<Mast> = None;
+        /// Part of the seeds in the ground that germinates in a year; the others wait.
+        germination: f32 = 1.0, in 0.0..=1.0;
+        /// Part of the waiting seeds that lives on to the next year.
+        dormancy: f32 = 0.0, in 0.0..=1.0;
         /// Probability to live on through a year under a stronger plant: shade tolerance.
         survival: f32 = 0.3, in 0.0..=1.0;
         /// Soil moisture it likes best, from -1 (driest) over 0 (middling) to 1 (wettest).
@@ -32,6 +46,12 @@ impl Default for Ecology {
     fn default() -> Self {
         Self {
             seedlings: 20.0,
+            seeds: 0.0,
+            maturity: 10.0,
+            dispersal: None,
+            mast: None,
+            germination: 1.0,
+            dormancy: 0.0,
             survival: 0.3,
             wet_preference: 0.0,
             wet_tolerance: 0.35,

@@ -3,6 +3,7 @@
 use crate::config::Spacing;
 use crate::field::ImageField;
 use crate::ground::Ground;
+use crate::seeds::DormantSeed;
 use crate::species::Ecology;
 use crate::{Death, Error, Outcome, PlotFit, Snapshot, SummaryRow, Surroundings, Unplaced};
 use glam::Vec3;
@@ -40,6 +41,8 @@ pub(crate) struct Stand<'a> {
     pub(crate) population: Population,
     /// By species index.
     pub(crate) kinds: Vec<Kind<'a>>,
+    /// Seeds that lie in the ground.
+    pub(crate) bank: Vec<DormantSeed>,
     /// Years simulated so far.
     pub(crate) year: u32,
     /// Rows so far.
@@ -78,6 +81,7 @@ impl<'a> Stand<'a> {
         let mut stand = Self {
             population,
             kinds,
+            bank: Vec::new(),
             year,
             summary: Vec::new(),
             deaths: Vec::new(),

@@ -220,3 +220,99 @@ fn clearing_takes_what_the_disc_and_the_species_single_out() {
     assert_eq!(population.len() + outcome.deaths.len(), 5000);
     assert!(outcome.deaths.iter().all(|death| death.cause == Cause::Cleared));
 }
+
+/// A wood that nothing can shade, so that every seedling lives.
+fn mothers(ecology: &str) -> World {
+    let text = format!(
+        "size = {{ height = 10, rate = 1000, crown_radius = 2, lifespan = 1000 }}\n\
+         ecology = {{ survival = 1, wet_tolerance = 100, growth_spread = 0, {ecology} }}"
+    );
+    plain(50, 2.0).with_species("mother", &text)
+}
+
+const ONE_MOTHER: &str = "
+    [[step]]
+    name = \"mother\"
+    kind = \"place\"
+    species = \"mother\"
+    at = [[50, 50]]
+    age = [50, 50]
+    vigor = [1, 1]
+    [[step]]
+    name = \"years\"
+    kind = \"simulate\"
+    species = [\"mother\"]
+    years = 1\n";
+
+#[test]
+fn a_mother_bears_by_her_crown_and_her_seeds_fall_about_her() {
+    let ecology = "seedlings = 0, seeds = 100, maturity = 50, \
+                   dispersal = { kernel = \"gaussian\", scale = 8 }";
+    let world = mothers(ecology);
+    let population = world.grow(ONE_MOTHER).unwrap().population;
+    // 100 seeds from each of 4 π m²; none flies 50 m, which one in e^39 would.
+    let children = population.len() - 1;
+    assert!((1256..=1257).contains(&children), "{children}");
+    let distances = world.places(&population).into_iter().map(|[x, y]| (x - 50.0).hypot(y - 50.0));
+    let mean = distances.sum::<f64>() / children as f64;
+    // Mean a √π / 2 = 7.0898, deviation a √(1 - π/4) = 3.706.
+    assert!((mean - 7.0898).abs() < 5.0 * 3.706 / 1256f64.sqrt(), "{mean}");
+    let young = mothers(&ecology.replace("maturity = 50", "maturity = 50.5"));
+    assert_eq!(young.grow(ONE_MOTHER).unwrap().population.len(), 1);
+}
+
+#[test]
+fn seeds_that_fly_over_the_rim_are_lost_but_on_a_torus() {
+    let ecology = "seedlings = 0, seeds = 100, dispersal = { kernel = \"uniform\", radius = 300 }";
+    let world = mothers(ecology);
+    let torus = world.grow(&format!("{ONE_MOTHER}edge = \"torus\"")).unwrap().population;
+    assert!((1256..=1257).contains(&(torus.len() - 1)));
+    assert!(world.places(&torus).iter().flatten().all(|at| (0.0..=100.0).contains(at)));
+    let open = world.grow(ONE_MOTHER).unwrap().population.len() - 1;
+    // The square of 100 m is a part 1/(9 π) = 0.0354 of the disc: 44.4 of 1,256.6 seeds.
+    assert!((open as f64 - 44.4).abs() < 5.0 * 44.4f64.sqrt(), "{open}");
+}
+
+/// With S seeds a year, a bank B that keeps a part d of what does not germinate goes to
+/// `B = S (1 - g) d / (1 - (1 - g) d)`, and `g (B + S)` seedlings come up.
+#[test]
+fn a_bank_of_seeds_goes_to_its_balance_and_is_handed_on() {
+    let world = mothers("seedlings = 4000, germination = 0.2, dormancy = 0.5");
+    let years = |name: &str, years: u32| {
+        format!(
+            "[[step]]\nname = \"{name}\"\nkind = \"simulate\"\nspecies = [\"mother\"]\n\
+             years = {years}\n"
+        )
+    };
+    let outcome = world.grow(&(years("first", 15) + &years("then", 15))).unwrap();
+    let last = outcome.summary.last().unwrap();
+    // S = 4,000, g = 0.2, d = 0.5: B = 2,666.7 and 1,333.3 births.
+    assert!((last.seeds as f64 - 2666.7).abs() < 5.0 * 2667f64.sqrt(), "{last:?}");
+    assert!((last.births as f64 - 1333.3).abs() < 5.0 * 1333f64.sqrt(), "{last:?}");
+    // The first year of the second step finds the bank of the first one, and so does not begin
+    // with 0.2 · 4,000 = 800 seedlings.
+    let first = outcome.summary.iter().find(|row| row.step == 16).unwrap();
+    assert!((first.births as f64 - 1333.3).abs() < 5.0 * 1333f64.sqrt(), "{first:?}");
+}
+
+#[test]
+fn mast_years_come_to_all_plants_at_once() {
+    let world = mothers("seedlings = 400, mast = { interval = 4, share = 0.8 }");
+    let steps = "[[step]]\nkind = \"simulate\"\nspecies = [\"mother\"]\nyears = 60";
+    let outcome = world.grow(steps).unwrap();
+    let births = |row: &weald_ecosim::SummaryRow| row.births;
+    let births: Vec<u64> = outcome.summary.iter().skip(1).map(births).collect();
+    // 400 · 0.8 · 4 = 1,280 in mast years, 400 · 0.2 · 4/3 = 106.7 in others.
+    assert!(births.iter().all(|n| (1280..=1281).contains(n) || (106..=107).contains(n)));
+    let masts = births.iter().filter(|n| **n > 1000).count();
+    // Binomial of 60 and 1/4: 15 with a deviation of 3.4.
+    assert!((5..=26).contains(&masts), "{masts}");
+}
+
+#[test]
+fn seeds_beyond_the_limit_of_plants_are_refused_before_they_fall() {
+    let world = mothers("seedlings = 0, seeds = 100000");
+    let steps = format!("max_plants = 1000\n{ONE_MOTHER}");
+    let error = world.grow(&steps).unwrap_err().to_string();
+    assert!(error.contains("the seeds of one year"), "{error}");
+}

@@ -85,7 +85,7 @@ fn an_absurd_number_of_plants_is_refused_before_any_work() {
     let world = world().with_species("weed", weed);
     let years = "[[step]]\nkind = \"simulate\"\nspecies = [\"weed\"]\nyears = 9";
     let (problem, _) = world.mistake(&format!("max_plants = 1000\n{years}"));
-    assert!(problem.contains("the seedlings of one year would bring the plants to 160000"));
+    assert!(problem.contains("the seeds of one year would bring the plants to 160000"));
     let (problem, _) = world.mistake(&format!("max_plants = 200000\n{years}\ninitial = 300000"));
     assert!(problem.contains("sowing `initial` plants"), "{problem}");
 }

@@ -56,6 +56,17 @@ fn one_two_and_three_threads_give_the_same_plants() {
 }
 
 #[test]
+fn seeds_fall_and_wait_alike_for_any_number_of_threads() {
+    let text = "ecology = { seedlings = 300, seeds = 1, maturity = 5, germination = 0.4, \
+                dormancy = 0.8, mast = {}, dispersal = { kernel = \"wind\", fall = 1 } }";
+    let world = plain(60, 2.0).with_species("aspen", &format!("{TREE}\n{text}"));
+    let years = "[[step]]\nkind = \"simulate\"\nspecies = [\"aspen\"]\nyears = 40";
+    let [one, three] = [1, 3].map(|threads| with_threads(threads, || world.grow(years).unwrap()));
+    assert!(one.summary.last().unwrap().seeds > 100, "{:?}", one.summary.last());
+    assert_eq!(one, three);
+}
+
+#[test]
 fn the_order_of_the_plants_handed_in_changes_nothing() {
     let world = world();
     let start = world.grow(STEPS).unwrap().population;

@@ -169,6 +169,7 @@ impl Run<'_, '_> {
             old: tally.old,
             mean_radius: tally.mean_radius() as f32,
             cover: (tally.area() / self.site.ground.area()) as f32,
+            seeds: 0,
         });
     }
 

@@ -235,6 +235,7 @@ fn summary_table(rows: &[weald_ecosim::SummaryRow], names: &[String], area: f64)
         .with("old", counts(|row| row.old))
         .with("mean_radius", numbers(|row| row.mean_radius))
         .with("cover", numbers(|row| row.cover))
+        .with("seeds", counts(|row| row.seeds))
         .with("density", derived(&|row| row.alive as f64 / area))
         .with("mean_area", derived(&|row| f64::from(row.cover) * area / row.alive.max(1) as f64))
 }

@@ -3,6 +3,7 @@
 //! A step gives every sample to the nearest centre and moves every centre to the mean of its
 //! samples; neither can raise the distortion [Lloyd82].
 
+use crate::nearest::Centres;
 use crate::samples::{CHUNK, Samples};
 use rayon::prelude::*;
 
@@ -143,178 +144,23 @@ pub(crate) fn means(samples: &Samples, partition: &Partition) -> Vec<f32> {
     centres
 }
 
-/// Centres side by side in blocks of this many, so that one instruction compares several.
-const LANES: usize = 8;
-
 /// Gives every sample to its nearest centre.
 fn assign(samples: &Samples, centres: &[f32], k: usize) -> (Vec<u32>, Sums) {
     let dims = samples.dims;
-    let blocks = Blocks::of(centres, dims);
+    let centres = Centres::of(centres, dims);
     let mut labels = vec![0; samples.len()];
     let chunks = labels.par_chunks_mut(CHUNK).enumerate().map(|(chunk, labels)| {
         let mut sums = Sums::new(dims, k);
-        for (offset, label) in labels.iter_mut().enumerate() {
-            let sample = chunk * CHUNK + offset;
-            let (row, weight) = (samples.row(sample), samples.weights[sample]);
-            let near = blocks.nearest(row);
-            *label = near.label;
-            sums.add(near.label, row, weight);
+        let first = chunk * CHUNK;
+        let rows = &samples.rows[first * dims..][..labels.len() * dims];
+        centres.nearest_of_rows(rows, |offset, near| {
+            let weight = samples.weights[first + offset];
+            labels[offset] = near.label;
+            sums.add(near.label, &rows[offset * dims..][..dims], weight);
             sums.distortion += f64::from(weight) * f64::from(near.distance);
-        }
+        });
         sums
     });
     let parts = chunks.collect();
     (labels, Sums::total(dims, k, parts))
-}
-
-/// Centres in blocks of [`LANES`], sorted along the first axis.
-///
-/// A block is first numbers together, then second ones, …. The last block is filled up with
-/// centres that are infinitely far.
-pub(crate) struct Blocks {
-    values: Vec<f32>,
-    /// Cluster of each lane of each block.
-    labels: Vec<u32>,
-    /// Least and largest first number of each block; both rise.
-    ranges: Vec<[f32; 2]>,
-}
-
-/// The centre that was found.
-pub(crate) struct Nearest {
-    pub label: u32,
-    /// Squared distance.
-    distance: f32,
-}
-
-impl Blocks {
-    pub fn of(centres: &[f32], dims: usize) -> Self {
-        let first = |label: u32| centres[label as usize * dims];
-        let mut labels: Vec<u32> = (0..(centres.len() / dims) as u32).collect();
-        labels.sort_by(|a, b| first(*a).total_cmp(&first(*b)));
-        let mut values = Vec::with_capacity(centres.len() + LANES * dims);
-        let mut ranges = Vec::new();
-        for block in labels.chunks(LANES) {
-            ranges.push([first(block[0]), first(block[block.len() - 1])]);
-            for dim in 0..dims {
-                let value = |label: &u32| centres[*label as usize * dims + dim];
-                let lane = |lane: usize| block.get(lane).map_or(f32::INFINITY, value);
-                values.extend((0..LANES).map(lane));
-            }
-        }
-        labels.resize(ranges.len() * LANES, u32::MAX);
-        Self { values, labels, ranges }
-    }
-
-    pub fn nearest(&self, row: &[f32]) -> Nearest {
-        // The same loop, compiled for each common number of axes.
-        match row.len() {
-            2 => row.first_chunk::<2>().map_or_else(|| self.search(row), |row| self.search(row)),
-            3 => row.first_chunk::<3>().map_or_else(|| self.search(row), |row| self.search(row)),
-            4 => row.first_chunk::<4>().map_or_else(|| self.search(row), |row| self.search(row)),
-            _ => self.search(row),
-        }
-    }
-
-    /// Looks at the block where the row lies along the first axis, then outwards on both sides
-    /// until the first axis alone is farther than the nearest centre found.
-    #[inline(always)]
-    fn search(&self, row: &[f32]) -> Nearest {
-        let size = row.len() * LANES;
-        let block = |number: usize| &self.values[number * size..][..size];
-        let first = row[0];
-        let start = self.ranges.partition_point(|range| range[0] <= first).saturating_sub(1);
-        let mut lanes = Lanes::new().compare(row, block(start), start);
-        let (mut left, mut right) = (start, start + 1);
-        loop {
-            let nearest = lanes.least();
-            let is_near = |gap: f32| gap * gap < nearest;
-            let goes_left = left > 0 && is_near(first - self.ranges[left - 1][1]);
-            let goes_right = right < self.ranges.len() && is_near(self.ranges[right][0] - first);
-            if goes_left {
-                left -= 1;
-                lanes = lanes.compare(row, block(left), left);
-            }
-            if goes_right {
-                lanes = lanes.compare(row, block(right), right);
-                right += 1;
-            }
-            if !(goes_left || goes_right) {
-                break;
-            }
-        }
-        let lane = (1..LANES).fold(0, |a, b| if lanes.best[b] < lanes.best[a] { b } else { a });
-        let label = self.labels[lanes.block[lane] as usize * LANES + lane];
-        Nearest { label, distance: lanes.best[lane] }
-    }
-}
-
-/// The nearest centre so far in each lane.
-#[derive(Clone, Copy)]
-struct Lanes {
-    /// Squared distance.
-    best: [f32; LANES],
-    /// Number of the centre's block.
-    block: [u32; LANES],
-}
-
-impl Lanes {
-    #[inline(always)]
-    fn new() -> Self {
-        Self { best: [f32::INFINITY; LANES], block: [0; LANES] }
-    }
-
-    /// By value, so that both arrays stay in registers.
-    #[inline(always)]
-    #[allow(clippy::needless_range_loop, reason = "three arrays advance together")]
-    fn compare(mut self, row: &[f32], block: &[f32], number: usize) -> Self {
-        let mut distance = [0f32; LANES];
-        for (value, lanes) in row.iter().zip(block.chunks_exact(LANES)) {
-            for lane in 0..LANES {
-                let apart = value - lanes[lane];
-                distance[lane] += apart * apart;
-            }
-        }
-        for lane in 0..LANES {
-            let is_nearer = distance[lane] < self.best[lane];
-            self.best[lane] = if is_nearer { distance[lane] } else { self.best[lane] };
-            self.block[lane] = if is_nearer { number as u32 } else { self.block[lane] };
-        }
-        self
-    }
-
-    #[inline(always)]
-    fn least(&self) -> f32 {
-        self.best.iter().copied().fold(f32::INFINITY, |a, b| if b < a { b } else { a })
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use weald_contract::Seed;
-
-    #[test]
-    fn blocks_find_the_centre_that_looking_at_all_finds() {
-        for dims in 1..=6 {
-            let mut random = Seed(8).stream("centres", dims as u64);
-            let mut numbers = |n: usize| -> Vec<f32> {
-                // Steps of 1/8: distances are exact, and tie.
-                (0..n * dims).map(|_| random.below(33) as f32 / 8.0 - 2.0).collect()
-            };
-            for k in [1, 7, 8, 9, 100, 2000] {
-                let (centres, rows) = (numbers(k), numbers(200));
-                let blocks = Blocks::of(&centres, dims);
-                for row in rows.chunks_exact(dims) {
-                    let distance = |centre: &[f32]| {
-                        centre.iter().zip(row).map(|(c, r)| (c - r).powi(2)).sum::<f32>()
-                    };
-                    let least =
-                        centres.chunks_exact(dims).map(distance).fold(f32::INFINITY, f32::min);
-                    let near = blocks.nearest(row);
-                    let centre = &centres[near.label as usize * dims..][..dims];
-                    assert_eq!((near.distance, distance(centre)), (least, least));
-                }
-            }
-        }
-    }
 }

@@ -3,10 +3,12 @@
 //! Rows are sorted by their content, so sums are taken in the same order whatever order the
 //! caller's rows have, and permuted input gives the same clusters to the last bit.
 
+use crate::order::Curve;
 use crate::table::Table;
 use rayon::prelude::*;
+use std::ops::Range;
 
-/// Rows of a table in canonical order, moved and scaled into [-1, 1].
+/// Rows of a table along a [`Curve`], moved and scaled into [-1, 1].
 pub(crate) struct Samples {
     /// Table row of each sample.
     pub order: Vec<u32>,
@@ -24,6 +26,7 @@ pub(crate) struct Samples {
 struct Column {
     index: usize,
     middle: f64,
+    range: Range<f64>,
 }
 
 impl Samples {
@@ -33,7 +36,9 @@ impl Samples {
     /// finite f64 inside the range of f32. Differences below 6e-8 of the widest column vanish.
     pub fn of(table: &Table) -> Self {
         let (columns, half_range) = varying_columns(table);
-        let order = canonical_order(table, columns.first(), half_range);
+        let ranges: Vec<_> =
+            columns.iter().map(|column| (column.index, column.range.clone())).collect();
+        let order = Curve::through(&ranges).sorted_rows(table);
         let dims = columns.len();
         let mut rows = vec![0.0; order.len() * dims];
         let place = |(values, row): (&mut [f32], &u32)| {
@@ -140,31 +145,9 @@ fn varying_columns(table: &Table) -> (Vec<Column>, f64) {
     let columns = ranges.iter().enumerate().filter_map(|(index, range)| {
         let middle = range[0] / 2.0 + range[1] / 2.0;
         let [low, high] = range.map(|value| scale(value, middle, half_range));
-        (low < high).then_some(Column { index, middle })
+        (low < high).then_some(Column { index, middle, range: range[0]..range[1] })
     });
     (columns.collect(), half_range)
-}
-
-/// Row numbers, sorted by the rows' numbers and then their weight.
-fn canonical_order(table: &Table, first: Option<&Column>, half_range: f64) -> Vec<u32> {
-    let key_of = |row: usize| {
-        let value = first
-            .map_or(0.0, |column| scale(table.row(row)[column.index], column.middle, half_range));
-        key(value, row as u32)
-    };
-    let mut keys = sort_keys((0..table.len()).map(key_of).collect());
-    for run in keys.chunk_by_mut(|a, b| a >> 32 == b >> 32).filter(|run| run.len() > 1) {
-        run.sort_by(|a, b| compare(table, *a as u32, *b as u32));
-    }
-    keys.into_iter().map(|key| key as u32).collect()
-}
-
-fn compare(table: &Table, a: u32, b: u32) -> std::cmp::Ordering {
-    let (a, b) = (a as usize, b as usize);
-    let columns = table.row(a).iter().zip(table.row(b)).map(|(a, b)| a.total_cmp(b));
-    columns
-        .fold(std::cmp::Ordering::Equal, std::cmp::Ordering::then)
-        .then(table.weights()[a].total_cmp(&table.weights()[b]))
 }
 
 #[cfg(test)]

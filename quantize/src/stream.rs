@@ -7,7 +7,7 @@
 use crate::Error;
 use crate::codebook::{Mode, cluster};
 use crate::condense::Draw;
-use crate::refine::Blocks;
+use crate::nearest::Blocks;
 use crate::table::Table;
 use rayon::prelude::*;
 use serde::Serialize;

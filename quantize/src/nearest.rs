@@ -327,4 +327,36 @@ mod tests {
             }
         }
     }
+
+    #[test]
+    fn runs_of_rows_find_the_first_centre_that_looking_at_all_finds() {
+        for dims in [1, 2, 3, 4, 7] {
+            let mut random = Seed(11).stream("centres", dims as u64);
+            let mut numbers = |n: usize| -> Vec<f32> {
+                // Steps of 1/8: distances are exact, and tie.
+                (0..n * dims).map(|_| random.below(33) as f32 / 8.0 - 2.0).collect()
+            };
+            for (k, count) in [(1, 3), (2, RUN), (9, RUN + 1), (100, 2 * LONG_RUN + 77)] {
+                let (centres, mut rows) = (numbers(k), numbers(count));
+                // Sorted along the first axis, so that boxes leave something out.
+                let mut sorted: Vec<&[f32]> = rows.chunks_exact(dims).collect();
+                sorted.sort_by(|a, b| a[0].total_cmp(&b[0]));
+                rows = sorted.concat();
+                let mut next = 0;
+                Centres::of(&centres, dims).nearest_of_rows(&rows, |number, near| {
+                    let row = &rows[number * dims..][..dims];
+                    let distance = |centre: &[f32]| {
+                        centre.iter().zip(row).map(|(c, r)| (c - r).powi(2)).sum::<f32>()
+                    };
+                    let all: Vec<f32> = centres.chunks_exact(dims).map(distance).collect();
+                    let least = all.iter().copied().fold(f32::INFINITY, f32::min);
+                    let first = all.iter().position(|distance| *distance == least);
+                    assert_eq!((number, near.distance), (next, least));
+                    assert_eq!(Some(near.label as usize), first);
+                    next += 1;
+                });
+                assert_eq!(next, count);
+            }
+        }
+    }
 }

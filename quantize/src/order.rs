@@ -111,7 +111,10 @@ mod tests {
     fn four_quarters_of_a_square_follow_each_other() {
         let curve = Curve::through(&[(0, 0.0..1.0), (1, 0.0..1.0)]);
         let place = |x: f64, y: f64| curve.place(&[x, y]) >> 30;
-        assert_eq!([place(0.1, 0.1), place(0.1, 0.9), place(0.9, 0.1), place(0.9, 0.9)], [0, 1, 2, 3]);
+        assert_eq!(
+            [place(0.1, 0.1), place(0.1, 0.9), place(0.9, 0.1), place(0.9, 0.9)],
+            [0, 1, 2, 3]
+        );
         assert_eq!((curve.place(&[0.0, 0.0]), curve.place(&[1.0, 1.0])), (0, u32::MAX));
     }
 
@@ -129,7 +132,8 @@ mod tests {
     #[test]
     fn the_order_does_not_depend_on_the_order_of_the_table() {
         let mut random = Seed(3).stream("rows", 0);
-        let rows: Vec<[f64; 3]> = (0..5000).map(|_| [random.below(9) as f64, random.unit(), random.normal()]).collect();
+        let rows: Vec<[f64; 3]> =
+            (0..5000).map(|_| [random.below(9) as f64, random.unit(), random.normal()]).collect();
         let sorted = |rows: &[[f64; 3]]| {
             let table = Table::new(rows.concat(), 3, vec![1.0; rows.len()]).unwrap();
             let curve = Curve::through(&[(0, 0.0..9.0), (2, -5.0..5.0)]);
@@ -154,7 +158,8 @@ mod tests {
             let [low, high] = values.fold([1.0f64, 0.0f64], |[a, b], v| [a.min(v), b.max(v)]);
             high - low
         };
-        let sides: Vec<f64> = order.chunks(32).flat_map(|run| (0..4).map(|c| side(run, c))).collect();
+        let sides: Vec<f64> =
+            order.chunks(32).flat_map(|run| (0..4).map(|c| side(run, c))).collect();
         // 32 of 20,000 rows would fill a cube of side 0.2; runs that cross a border are longer.
         let mean = sides.iter().sum::<f64>() / sides.len() as f64;
         assert!(mean < 0.35, "{mean}");

@@ -251,3 +251,84 @@ pub(crate) fn gains(table: &Table, k: usize) -> Vec<f64> {
     let samples = Samples::of(table);
     cut_tree(&samples, k).gains.into_iter().map(|gain| gain * samples.unit).collect()
 }
+
+#[cfg(test)]
+mod scratch {
+    use super::*;
+    use std::time::Instant;
+    #[test]
+    #[ignore]
+    fn phases() {
+        let bytes = std::fs::read("/work/tmp/q/plants.f64").unwrap();
+        let all: Vec<f64> = bytes.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect();
+        let values = all.chunks_exact(5).flat_map(|r| r[..4].to_vec()).collect();
+        let weights = all.chunks_exact(5).map(|r| r[4]).collect();
+        let table = Table::new(values, 4, weights).unwrap();
+        let mut rows: Vec<(String, Vec<f64>)> = Vec::new();
+        let mut note = |name: &str, t: Instant| {
+            let s = t.elapsed().as_secs_f64() * 1e3;
+            match rows.iter_mut().find(|r| r.0 == name) { Some(r) => r.1.push(s), None => rows.push((name.into(), vec![s])) }
+        };
+        for turn in 0..15 {
+            let all = Instant::now();
+            let t = Instant::now();
+            let samples = Samples::of(&table);
+            note("samples", t);
+            let t = Instant::now();
+            let thin = thinned(&samples, FAST_ROWS).unwrap();
+            note("thin", t);
+            let t = Instant::now();
+            let start = split_samples(&thin, 64);
+            note("split sample", t);
+            let t = Instant::now();
+            let centres = descend(&thin, &start, FAST_SAMPLE_STEPS).centres;
+            note("descend sample", t);
+            let t = Instant::now();
+            let p = descend_from(&samples, centres, 0, 0.0).partition;
+            note("assign all", t);
+            let t = Instant::now();
+            let c = Codebook::of_samples(&table, &samples, &p.labels);
+            note("of_samples", t);
+            note("FAST", all);
+            if turn == 0 { eprintln!("error {:.5e}", c.distortion(&table)); }
+            let t = Instant::now();
+            let cells = crate::condense::condensed(&samples, 4096).unwrap();
+            note("condense", t);
+            let t = Instant::now();
+            let found = crate::search::scratch(&cells, 64);
+            note("search cells", t);
+            let t = Instant::now();
+            let p = descend_from(&samples, found.centres, 60, 1e-3).partition;
+            note("settle", t);
+            let c = Codebook::of_samples(&table, &samples, &p.labels);
+            if turn == 0 { eprintln!("best error {:.5e}", c.distortion(&table)); }
+
+            for cells_asked in [2048, 4096, 8192, 16384] {
+            let t = Instant::now();
+            let cells = crate::condense::runs(&samples, cells_asked).unwrap();
+            note(&format!("runs {cells_asked}"), t);
+            let t = Instant::now();
+            let start = split_samples(&cells, 64);
+            note(&format!("split {cells_asked}"), t);
+            for steps in [3, 5, 8] {
+            let t = Instant::now();
+            let d = descend(&cells, &start, steps);
+            note(&format!("descend {cells_asked} {steps}"), t);
+            if turn == 0 {
+            let p = descend_from(&samples, d.centres, 0, 0.0).partition;
+            let c = Codebook::of_samples(&table, &samples, &p.labels);
+            eprintln!("cells {cells_asked} {} steps {steps} error {:.5e}", cells.len(), c.distortion(&table)); }
+            }
+            let t = Instant::now();
+            let found = crate::search::scratch(&cells, 64);
+            note(&format!("search {cells_asked}"), t);
+            let t = Instant::now();
+            let p = descend_from(&samples, found.centres, 60, 1e-3).partition;
+            note(&format!("settle {cells_asked}"), t);
+            let c = Codebook::of_samples(&table, &samples, &p.labels);
+            if turn == 0 { eprintln!("cells {cells_asked} {} best error {:.5e}", cells.len(), c.distortion(&table)); }
+            }
+        }
+        for (name, mut times) in rows { times.sort_by(f64::total_cmp); eprintln!("{name:20} {:.2} ms", times[times.len() / 2]); }
+    }
+}

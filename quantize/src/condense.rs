@@ -98,6 +98,36 @@ pub(crate) fn condensed(samples: &Samples, cells: usize) -> Option<Samples> {
     })
 }
 
+/// x
+pub(crate) fn runs(samples: &Samples, cells: usize) -> Option<Samples> {
+    let total: f64 = samples.weights.iter().map(|weight| f64::from(*weight)).sum();
+    let mut draw = Draw::new(samples.len() as u64, total, cells);
+    let dims = samples.dims;
+    let mut made = Samples {
+        order: Vec::new(),
+        rows: Vec::with_capacity(cells * samples.dims),
+        dims: samples.dims,
+        weights: Vec::with_capacity(cells),
+        unit: samples.unit,
+    };
+    let mut sums = vec![0.0f64; dims];
+    let mut sum = 0.0f64;
+    for (index, weight) in samples.weights.iter().enumerate() {
+        let w = f64::from(*weight);
+        let ends = draw.weight_of(w).is_some() || index + 1 == samples.len();
+        sum += w;
+        sums.iter_mut().zip(samples.row(index)).for_each(|(s, x)| *s += w * f64::from(*x));
+        if ends && sum > 0.0 {
+            made.order.push(index as u32);
+            made.rows.extend(sums.iter().map(|s| (s / sum) as f32));
+            made.weights.push(sum as f32);
+            sum = 0.0;
+            sums.fill(0.0);
+        }
+    }
+    Some(made)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

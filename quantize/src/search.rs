@@ -87,6 +87,9 @@ pub(crate) fn search(samples: &Samples, k: usize) -> Partition {
     }
 }
 
+#[cfg(test)]
+pub(crate) fn scratch(samples: &Samples, k: usize) -> State { search_all(samples, k, &ROUGH) }
+
 /// Searches from splitting and from other starts, and keeps the best.
 fn search_all(samples: &Samples, k: usize, effort: &Effort) -> State {
     let first = split_samples(samples, k);

@@ -269,7 +269,7 @@ mod scratch {
             let s = t.elapsed().as_secs_f64() * 1e3;
             match rows.iter_mut().find(|r| r.0 == name) { Some(r) => r.1.push(s), None => rows.push((name.into(), vec![s])) }
         };
-        for turn in 0..15 {
+        for turn in 0..41 {
             let all = Instant::now();
             let t = Instant::now();
             let samples = Samples::of(&table);
@@ -291,43 +291,15 @@ mod scratch {
             note("of_samples", t);
             note("FAST", all);
             if turn == 0 { eprintln!("error {:.5e}", c.distortion(&table)); }
-            let t = Instant::now();
-            let cells = crate::condense::condensed(&samples, 4096).unwrap();
-            note("condense", t);
-            let t = Instant::now();
-            let found = crate::search::scratch(&cells, 64);
-            note("search cells", t);
-            let t = Instant::now();
-            let p = descend_from(&samples, found.centres, 60, 1e-3).partition;
-            note("settle", t);
-            let c = Codebook::of_samples(&table, &samples, &p.labels);
-            if turn == 0 { eprintln!("best error {:.5e}", c.distortion(&table)); }
-
-            for cells_asked in [2048, 4096, 8192, 16384] {
-            let t = Instant::now();
-            let cells = crate::condense::runs(&samples, cells_asked).unwrap();
-            note(&format!("runs {cells_asked}"), t);
-            let t = Instant::now();
+            let cells = crate::condense::runs(&samples, 4096).unwrap();
             let start = split_samples(&cells, 64);
-            note(&format!("split {cells_asked}"), t);
-            for steps in [3, 5, 8] {
+            let d = descend(&cells, &start, 8);
             let t = Instant::now();
-            let d = descend(&cells, &start, steps);
-            note(&format!("descend {cells_asked} {steps}"), t);
-            if turn == 0 {
-            let p = descend_from(&samples, d.centres, 0, 0.0).partition;
-            let c = Codebook::of_samples(&table, &samples, &p.labels);
-            eprintln!("cells {cells_asked} {} steps {steps} error {:.5e}", cells.len(), c.distortion(&table)); }
-            }
+            for _ in 0..10 { descend_from(&cells, d.centres.clone(), 0, 0.0); }
+            note("10 assign cells", t);
             let t = Instant::now();
-            let found = crate::search::scratch(&cells, 64);
-            note(&format!("search {cells_asked}"), t);
-            let t = Instant::now();
-            let p = descend_from(&samples, found.centres, 60, 1e-3).partition;
-            note(&format!("settle {cells_asked}"), t);
-            let c = Codebook::of_samples(&table, &samples, &p.labels);
-            if turn == 0 { eprintln!("cells {cells_asked} {} best error {:.5e}", cells.len(), c.distortion(&table)); }
-            }
+            descend_from(&samples, d.centres.clone(), 0, 0.0);
+            note("assign all", t);
         }
         for (name, mut times) in rows { times.sort_by(f64::total_cmp); eprintln!("{name:20} {:.2} ms", times[times.len() / 2]); }
     }

@@ -33,7 +33,8 @@ pub(crate) struct Centres {
 }
 
 /// The least and the largest numbers of a run of rows, axis by axis.
-struct Box {
+#[derive(Default)]
+struct Extent {
     low: Vec<f32>,
     high: Vec<f32>,
 }
@@ -43,6 +44,8 @@ struct Box {
 struct Distances {
     least: Vec<f32>,
     most: Vec<f32>,
+    /// Places of the centres that stay, at the front.
+    places: Vec<u32>,
 }
 
 impl Centres {
@@ -72,12 +75,14 @@ impl Centres {
 
     /// See [`Self::nearest_of_rows`]; `DIMS` axes, or any number when 0.
     fn in_runs<const DIMS: usize>(&self, rows: &[f32], found: &mut impl FnMut(usize, Nearest)) {
-        let mut room = Distances::default();
+        let (mut extent, mut room) = (Extent::default(), Distances::default());
         let (mut some, mut few) = (Self::empty(self.dims), Self::empty(self.dims));
         for (number, rows) in rows.chunks(LONG_RUN * self.dims).enumerate() {
-            self.near(&Box::around(rows, self.dims), &mut room, &mut some);
+            extent.set::<DIMS>(rows, self.dims);
+            self.near(&extent, &mut room, &mut some);
             for (run, rows) in rows.chunks(RUN * self.dims).enumerate() {
-                some.near(&Box::around(rows, self.dims), &mut room, &mut few);
+                extent.set::<DIMS>(rows, self.dims);
+                some.near(&extent, &mut room, &mut few);
                 let first = number * LONG_RUN + run * RUN;
                 for (part, rows) in rows.chunks(ROWS * self.dims).enumerate() {
                     few.compare::<DIMS>(rows, first + part * ROWS, found);
@@ -87,16 +92,23 @@ impl Centres {
     }
 
     /// Those centres that may be nearest to something in a box.
-    fn near(&self, within: &Box, room: &mut Distances, near: &mut Self) {
+    fn near(&self, within: &Extent, room: &mut Distances, near: &mut Self) {
         let count = self.labels.len();
         room.measure(within, &self.values, count);
-        let bound = room.most.iter().copied().fold(f32::INFINITY, f32::min) * (1.0 + ROUNDING);
+        let bound = least(&room.most) * (1.0 + ROUNDING);
+        // Write each and advance by those that stay: a branch would be mispredicted often.
+        room.places.resize(count, 0);
+        let mut kept = 0;
+        for (place, least) in room.least.iter().enumerate() {
+            room.places[kept] = place as u32;
+            kept += usize::from(*least <= bound);
+        }
+        let places = &room.places[..kept];
         near.labels.clear();
+        near.labels.extend(places.iter().map(|place| self.labels[*place as usize]));
         near.values.clear();
-        let is_near = |at: &usize| room.least[*at] <= bound;
-        near.labels.extend((0..count).filter(is_near).map(|at| self.labels[at]));
         for values in self.values.chunks_exact(count) {
-            near.values.extend((0..count).filter(is_near).map(|at| values[at]));
+            near.values.extend(places.iter().map(|place| values[*place as usize]));
         }
     }
 
@@ -145,22 +157,42 @@ impl Centres {
     }
 }
 
-impl Box {
-    fn around(rows: &[f32], dims: usize) -> Self {
-        let (mut low, mut high) = (rows[..dims].to_vec(), rows[..dims].to_vec());
-        for row in rows.chunks_exact(dims) {
-            for ((low, high), value) in low.iter_mut().zip(&mut high).zip(row) {
-                *low = if *value < *low { *value } else { *low };
-                *high = if *value > *high { *value } else { *high };
+impl Extent {
+    #[inline(always)]
+    fn set<const DIMS: usize>(&mut self, rows: &[f32], dims: usize) {
+        let dims = if DIMS == 0 { dims } else { DIMS };
+        let Some(first) = rows.get(..dims) else { return };
+        if DIMS == 0 {
+            self.low.clear();
+            self.high.clear();
+            self.low.extend_from_slice(first);
+            self.high.extend_from_slice(first);
+            for row in rows.chunks_exact(dims) {
+                for ((low, high), value) in self.low.iter_mut().zip(&mut self.high).zip(row) {
+                    *low = if *value < *low { *value } else { *low };
+                    *high = if *value > *high { *value } else { *high };
+                }
             }
+        } else {
+            let mut low = [f32::INFINITY; DIMS];
+            let mut high = [f32::NEG_INFINITY; DIMS];
+            for row in rows.chunks_exact(DIMS) {
+                for dim in 0..DIMS {
+                    low[dim] = if row[dim] < low[dim] { row[dim] } else { low[dim] };
+                    high[dim] = if row[dim] > high[dim] { row[dim] } else { high[dim] };
+                }
+            }
+            self.low.clear();
+            self.high.clear();
+            self.low.extend_from_slice(&low);
+            self.high.extend_from_slice(&high);
         }
-        Self { low, high }
     }
 }
 
 impl Distances {
     /// The least and the largest squared distance between each centre and anything in a box.
-    fn measure(&mut self, within: &Box, values: &[f32], count: usize) {
+    fn measure(&mut self, within: &Extent, values: &[f32], count: usize) {
         for distances in [&mut self.least, &mut self.most] {
             distances.clear();
             distances.resize(count, 0.0);
@@ -179,6 +211,21 @@ impl Distances {
             }
         }
     }
+}
+
+/// The least of some numbers, none of which is NaN.
+fn least(values: &[f32]) -> f32 {
+    let smaller = |a: f32, b: f32| if b < a { b } else { a };
+    // Eight at a time, so that no comparison waits for the one before it.
+    let mut lanes = [f32::INFINITY; 8];
+    let chunks = values.chunks_exact(8);
+    let rest = chunks.remainder().iter().copied().fold(f32::INFINITY, smaller);
+    for chunk in chunks {
+        for (lane, value) in lanes.iter_mut().zip(chunk) {
+            *lane = smaller(*lane, *value);
+        }
+    }
+    lanes.into_iter().fold(rest, smaller)
 }
 
 /// Centres side by side in blocks of this many, so that one instruction compares several.

@@ -1,6 +1,6 @@
 //! The code book of any table of numbers: centres, and the centre that stands for each row.
 
-use crate::condense::thinned;
+use crate::condense::{cells_for, condensed};
 use crate::exact;
 use crate::refine::{Partition, descend, descend_from, lloyd};
 use crate::samples::Samples;
@@ -13,7 +13,7 @@ weald_contract::words! {
     pub enum Mode {
         /// Splitting alone, as [Wan88] and [Deussen98] do.
         Paper = "paper",
-        /// Splitting and three steps of Lloyd, of long tables mostly on a sample; exact when one
+        /// Splitting and three steps of Lloyd, of long tables on a condensed one; exact when one
         /// number varies.
         Fast = "fast",
         /// Steps until they settle, swaps that merge and split, and several starts where there
@@ -28,19 +28,8 @@ weald_contract::words! {
 /// best known one to 1.03-1.07 times, at a fraction of the time of converging.
 const FAST_STEPS: usize = 3;
 
-/// Rows on which [`Mode::Fast`] splits; of longer tables a sample.
-///
-/// The means of `k` clusters in `d` columns, estimated from a sample of `m` rows, leave about
-/// `k d / m` more error than those of all rows: 1.6 % at 64 clusters of 4 columns, which more steps
-/// win back.
-const FAST_ROWS: usize = 1 << 14;
-
-/// Lloyd's steps on the sample: eight leave less error, of seven out of eight tables and numbers of
-/// clusters, than splitting all rows and three steps of them, in 0.4 times the time at 64 clusters.
-const FAST_SAMPLE_STEPS: usize = 8;
-
-/// Rows of the sample for each cluster, where clusters are many.
-const FAST_ROWS_A_CLUSTER: usize = 256;
+/// Lloyd's steps on a condensed table, where a step costs as little as it has cells.
+const FAST_CELL_STEPS: usize = 8;
 
 /// Clusters of a table's rows. No cluster is empty.
 #[derive(Clone, Debug, PartialEq)]
@@ -213,14 +202,14 @@ pub(crate) fn split_samples(samples: &Samples, k: usize) -> Partition {
     Partition { k: tree.gains.len() + 1, labels: tree.labels }
 }
 
-/// Splitting and a few of Lloyd's steps; of a long table on a sample, whose centres all rows then
-/// take.
+/// Splitting and a few of Lloyd's steps; of a long table on a condensed one, whose centres all rows
+/// then take.
 fn fast(samples: &Samples, k: usize) -> Partition {
-    if let Some(sample) = thinned(samples, FAST_ROWS.max(k.saturating_mul(FAST_ROWS_A_CLUSTER))) {
-        let start = split_samples(&sample, k);
-        // With fewer clusters than asked for, the sample may lack rows that the table has.
+    if let Some(cells) = condensed(samples, cells_for(k)) {
+        let start = split_samples(&cells, k);
+        // With fewer clusters than asked for, the cells may lack rows that the table has.
         if start.k == k {
-            let centres = descend(&sample, &start, FAST_SAMPLE_STEPS).centres;
+            let centres = descend(&cells, &start, FAST_CELL_STEPS).centres;
             return descend_from(samples, centres, 0, 0.0).partition;
         }
     }
@@ -250,57 +239,4 @@ pub fn refine(table: &Table, codebook: &Codebook, steps: usize) -> Codebook {
 pub(crate) fn gains(table: &Table, k: usize) -> Vec<f64> {
     let samples = Samples::of(table);
     cut_tree(&samples, k).gains.into_iter().map(|gain| gain * samples.unit).collect()
-}
-
-#[cfg(test)]
-mod scratch {
-    use super::*;
-    use std::time::Instant;
-    #[test]
-    #[ignore]
-    fn phases() {
-        let bytes = std::fs::read("/work/tmp/q/plants.f64").unwrap();
-        let all: Vec<f64> = bytes.chunks_exact(8).map(|b| f64::from_le_bytes(b.try_into().unwrap())).collect();
-        let values = all.chunks_exact(5).flat_map(|r| r[..4].to_vec()).collect();
-        let weights = all.chunks_exact(5).map(|r| r[4]).collect();
-        let table = Table::new(values, 4, weights).unwrap();
-        let mut rows: Vec<(String, Vec<f64>)> = Vec::new();
-        let mut note = |name: &str, t: Instant| {
-            let s = t.elapsed().as_secs_f64() * 1e3;
-            match rows.iter_mut().find(|r| r.0 == name) { Some(r) => r.1.push(s), None => rows.push((name.into(), vec![s])) }
-        };
-        for turn in 0..41 {
-            let all = Instant::now();
-            let t = Instant::now();
-            let samples = Samples::of(&table);
-            note("samples", t);
-            let t = Instant::now();
-            let thin = thinned(&samples, FAST_ROWS).unwrap();
-            note("thin", t);
-            let t = Instant::now();
-            let start = split_samples(&thin, 64);
-            note("split sample", t);
-            let t = Instant::now();
-            let centres = descend(&thin, &start, FAST_SAMPLE_STEPS).centres;
-            note("descend sample", t);
-            let t = Instant::now();
-            let p = descend_from(&samples, centres, 0, 0.0).partition;
-            note("assign all", t);
-            let t = Instant::now();
-            let c = Codebook::of_samples(&table, &samples, &p.labels);
-            note("of_samples", t);
-            note("FAST", all);
-            if turn == 0 { eprintln!("error {:.5e}", c.distortion(&table)); }
-            let cells = crate::condense::runs(&samples, 4096).unwrap();
-            let start = split_samples(&cells, 64);
-            let d = descend(&cells, &start, 8);
-            let t = Instant::now();
-            for _ in 0..10 { descend_from(&cells, d.centres.clone(), 0, 0.0); }
-            note("10 assign cells", t);
-            let t = Instant::now();
-            descend_from(&samples, d.centres.clone(), 0, 0.0);
-            note("assign all", t);
-        }
-        for (name, mut times) in rows { times.sort_by(f64::total_cmp); eprintln!("{name:20} {:.2} ms", times[times.len() / 2]); }
-    }
 }

@@ -5,7 +5,6 @@
 //! a search differ from those of all rows by less than the cells are wide [HarPeled04].
 
 use crate::samples::Samples;
-use crate::split::cut_tree;
 
 /// A systematic draw of about `most` rows, one after the other.
 ///
@@ -69,63 +68,43 @@ pub(crate) fn thinned(samples: &Samples, most: usize) -> Option<Samples> {
     Some(thin)
 }
 
-/// Weighted means of `cells` small cells, or `None` when there are less than twice as many
-/// samples. Cells come from splitting, so that they are small where weight is dense.
-pub(crate) fn condensed(samples: &Samples, cells: usize) -> Option<Samples> {
-    if cells == 0 || samples.len() / 2 < cells || samples.dims == 0 {
-        return None;
-    }
-    let tree = cut_tree(samples, cells);
-    let (dims, count) = (samples.dims, tree.gains.len() + 1);
-    let mut weights = vec![0.0; count];
-    let mut sums = vec![0.0; count * dims];
-    for (sample, label) in tree.labels.iter().enumerate() {
-        let (label, weight) = (*label as usize, f64::from(samples.weights[sample]));
-        weights[label] += weight;
-        let sums = &mut sums[label * dims..][..dims];
-        sums.iter_mut().zip(samples.row(sample)).for_each(|(s, x)| *s += weight * f64::from(*x));
-    }
-    // Splitting leaves weight on both sides of every cut, so no cell lacks it.
-    let mean = |(at, sum): (usize, &f64)| (sum / weights[at / dims]) as f32;
-    let rows: Vec<f32> = sums.iter().enumerate().map(mean).collect();
-    let is_whole = weights.iter().all(|weight| *weight > 0.0);
-    is_whole.then(|| Samples {
-        order: (0..count as u32).collect(),
-        rows,
-        dims,
-        weights: weights.into_iter().map(|weight| weight as f32).collect(),
-        unit: samples.unit,
-    })
+/// Cells of a condensed table, and cells for each cluster where clusters are many.
+const CELLS: usize = 1 << 12;
+const CELLS_A_CLUSTER: usize = 64;
+
+/// Cells in which `k` clusters are sought.
+pub(crate) fn cells_for(k: usize) -> usize {
+    CELLS.max(k.saturating_mul(CELLS_A_CLUSTER))
 }
 
-/// x
-pub(crate) fn runs(samples: &Samples, cells: usize) -> Option<Samples> {
+/// Weighted means of about `cells` runs of samples, or `None` when there are less than four times
+/// as many samples.
+///
+/// Runs follow the curve along which samples lie, so that they are small in all columns. They end
+/// where [`Draw`] would draw a sample: heavy samples are cells of their own, and light regions are
+/// not left to a few.
+pub(crate) fn condensed(samples: &Samples, cells: usize) -> Option<Samples> {
+    if cells == 0 || samples.len() / 4 < cells || samples.dims == 0 {
+        return None;
+    }
     let total: f64 = samples.weights.iter().map(|weight| f64::from(*weight)).sum();
     let mut draw = Draw::new(samples.len() as u64, total, cells);
-    let dims = samples.dims;
-    let mut made = Samples {
-        order: Vec::new(),
-        rows: Vec::with_capacity(cells * samples.dims),
-        dims: samples.dims,
-        weights: Vec::with_capacity(cells),
-        unit: samples.unit,
-    };
-    let mut sums = vec![0.0f64; dims];
-    let mut sum = 0.0f64;
+    let (mut rows, mut weights) = (Vec::new(), Vec::new());
+    let (mut sums, mut sum) = (vec![0.0; samples.dims], 0.0);
     for (index, weight) in samples.weights.iter().enumerate() {
-        let w = f64::from(*weight);
-        let ends = draw.weight_of(w).is_some() || index + 1 == samples.len();
-        sum += w;
-        sums.iter_mut().zip(samples.row(index)).for_each(|(s, x)| *s += w * f64::from(*x));
+        let weight = f64::from(*weight);
+        sum += weight;
+        sums.iter_mut().zip(samples.row(index)).for_each(|(s, x)| *s += weight * f64::from(*x));
+        let ends = draw.weight_of(weight).is_some() || index + 1 == samples.len();
         if ends && sum > 0.0 {
-            made.order.push(index as u32);
-            made.rows.extend(sums.iter().map(|s| (s / sum) as f32));
-            made.weights.push(sum as f32);
-            sum = 0.0;
+            rows.extend(sums.iter().map(|s| (s / sum) as f32));
+            weights.push(sum as f32);
             sums.fill(0.0);
+            sum = 0.0;
         }
     }
-    Some(made)
+    let order = (0..weights.len() as u32).collect();
+    Some(Samples { order, rows, dims: samples.dims, weights, unit: samples.unit })
 }
 
 #[cfg(test)]
@@ -174,7 +153,8 @@ mod tests {
     fn cells_keep_weight_and_mean_to_rounding() {
         let all = samples(10_000);
         let cells = condensed(&all, 500).unwrap();
-        assert_eq!(cells.len(), 500);
+        // A heavy row would be drawn more than once, and is one cell.
+        assert!((350..=501).contains(&cells.len()), "{}", cells.len());
         let ([weight, mean], [cell_weight, cell_mean]) =
             (weight_and_mean(&all), weight_and_mean(&cells));
         assert!((cell_weight / weight - 1.0).abs() < 1e-5 && (cell_mean - mean).abs() < 1e-5);
@@ -183,7 +163,7 @@ mod tests {
     #[test]
     fn few_samples_stay_as_they_are() {
         let all = samples(100);
-        assert!(thinned(&all, 51).is_none() && condensed(&all, 51).is_none());
+        assert!(thinned(&all, 51).is_none() && condensed(&all, 26).is_none());
         assert!(thinned(&all, 0).is_none() && condensed(&all, 0).is_none());
     }
 }

@@ -13,7 +13,7 @@ pub(crate) struct Nearest {
 }
 
 /// Rows that are compared with the same few centres.
-const RUN: usize = 32;
+const RUN: usize = 16;
 
 /// Rows for whose runs centres are chosen in advance, a multiple of [`RUN`].
 const LONG_RUN: usize = 16 * RUN;
@@ -158,34 +158,22 @@ impl Centres {
 }
 
 impl Extent {
+    /// Becomes the box around some rows; see [`Centres::in_runs`].
     #[inline(always)]
+    #[allow(clippy::needless_range_loop, reason = "three arrays advance together")]
     fn set<const DIMS: usize>(&mut self, rows: &[f32], dims: usize) {
         let dims = if DIMS == 0 { dims } else { DIMS };
-        let Some(first) = rows.get(..dims) else { return };
-        if DIMS == 0 {
-            self.low.clear();
-            self.high.clear();
-            self.low.extend_from_slice(first);
-            self.high.extend_from_slice(first);
-            for row in rows.chunks_exact(dims) {
-                for ((low, high), value) in self.low.iter_mut().zip(&mut self.high).zip(row) {
-                    *low = if *value < *low { *value } else { *low };
-                    *high = if *value > *high { *value } else { *high };
-                }
+        let first = &rows[..dims];
+        self.low.clear();
+        self.low.extend_from_slice(first);
+        self.high.clear();
+        self.high.extend_from_slice(first);
+        let (low, high) = (&mut self.low[..dims], &mut self.high[..dims]);
+        for row in rows.chunks_exact(dims) {
+            for dim in 0..dims {
+                low[dim] = if row[dim] < low[dim] { row[dim] } else { low[dim] };
+                high[dim] = if row[dim] > high[dim] { row[dim] } else { high[dim] };
             }
-        } else {
-            let mut low = [f32::INFINITY; DIMS];
-            let mut high = [f32::NEG_INFINITY; DIMS];
-            for row in rows.chunks_exact(DIMS) {
-                for dim in 0..DIMS {
-                    low[dim] = if row[dim] < low[dim] { row[dim] } else { low[dim] };
-                    high[dim] = if row[dim] > high[dim] { row[dim] } else { high[dim] };
-                }
-            }
-            self.low.clear();
-            self.high.clear();
-            self.low.extend_from_slice(&low);
-            self.high.extend_from_slice(&high);
         }
     }
 }

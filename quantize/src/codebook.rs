@@ -205,7 +205,7 @@ pub(crate) fn split_samples(samples: &Samples, k: usize) -> Partition {
 /// Splitting and a few of Lloyd's steps; of a long table on a condensed one, whose centres all rows
 /// then take.
 fn fast(samples: &Samples, k: usize) -> Partition {
-    if let Some(cells) = condensed(samples, cells_for(k)) {
+    if let Some(cells) = condensed(samples, cells_for(samples.len(), k)) {
         let start = split_samples(&cells, k);
         // With fewer clusters than asked for, the cells may lack rows that the table has.
         if start.k == k {

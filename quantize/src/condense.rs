@@ -68,13 +68,15 @@ pub(crate) fn thinned(samples: &Samples, most: usize) -> Option<Samples> {
     Some(thin)
 }
 
-/// Cells of a condensed table, and cells for each cluster where clusters are many.
+/// Cells of a condensed table at least, cells for each cluster where clusters are many, and rows for
+/// each cell where rows are many.
 const CELLS: usize = 1 << 12;
 const CELLS_A_CLUSTER: usize = 64;
+const ROWS_A_CELL: usize = 64;
 
-/// Cells in which `k` clusters are sought.
-pub(crate) fn cells_for(k: usize) -> usize {
-    CELLS.max(k.saturating_mul(CELLS_A_CLUSTER))
+/// Cells in which `k` clusters of `rows` rows are sought.
+pub(crate) fn cells_for(rows: usize, k: usize) -> usize {
+    CELLS.max(k.saturating_mul(CELLS_A_CLUSTER)).max(rows / ROWS_A_CELL)
 }
 
 /// Weighted means of about `cells` runs of samples, or `None` when there are less than four times

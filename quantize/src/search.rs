@@ -44,7 +44,7 @@ const WHOLE: Effort = Effort { gains: [0.0; 2], starts_work: 1 << 21, starts: 0,
 
 /// On all rows, for [`MANY`] clusters: splitting is then a poor start, and swaps go on gaining. 1024
 /// clusters of 100,000 rows of 4 columns end 1.5 % lower, after nine times as long.
-const DEEP: Effort = Effort { gains: [0.0; 2], starts_work: 0, starts: 2, rounds: 40 };
+const DEEP: Effort = Effort { gains: [0.0; 2], starts_work: 0, starts: 2, rounds: 64 };
 const MANY: usize = 512;
 
 /// On a condensed table, whose centres move on when they meet all rows: swaps change more than the
@@ -94,8 +94,9 @@ pub(crate) fn search(samples: &Samples, k: usize) -> Partition {
 
 /// Searches a condensed table, and settles on one that is less condensed; `None` for short ones.
 fn search_condensed(samples: &Samples, k: usize, effort: &Effort) -> Option<State> {
-    let found = search_all(&condensed(samples, cells_for(k))?, k, effort);
-    let finer = condensed(samples, cells_for(k).saturating_mul(FINER));
+    let cells = cells_for(samples.len(), k);
+    let found = search_all(&condensed(samples, cells)?, k, effort);
+    let finer = condensed(samples, cells.saturating_mul(FINER));
     Some(match finer {
         Some(finer) => descend_from(&finer, found.centres, STEPS_TO_SETTLE, GAIN_TO_SETTLE),
         None => found,

@@ -49,6 +49,9 @@ pub(crate) struct IdSource {
 }
 
 impl IdSource {
+    /// Number of ids that a step has.
+    pub(crate) const MOST: u64 = 1 << COUNTER_BITS;
+
     /// Returns the id with this counter.
     pub(crate) fn id(self, counter: u64) -> u64 {
         debug_assert!(counter < 1 << COUNTER_BITS, "a step counts no further than 2^37");

@@ -17,7 +17,7 @@ const BAND: usize = 4096;
 const COMMON: f64 = 1.0;
 
 /// A circle: 16 bytes.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct Site {
     /// Place as a fraction of the field's width, in 2⁻³².
     pub(crate) x: u32,

@@ -11,6 +11,8 @@
 mod align;
 mod attribute;
 mod blobs;
+mod bytes;
+mod checkpoint;
 mod clear;
 mod clump;
 mod competition;
@@ -44,6 +46,7 @@ mod thin;
 mod visible;
 mod voronoi;
 
+pub use checkpoint::{CHECKPOINT_VERSION, Checkpoint, Course, Damaged, Moment, Next, Watch};
 pub use clump::Clump;
 pub use competition::{Circle, Plain, dominators};
 pub use config::{
@@ -59,7 +62,7 @@ pub use relax::{Relaxation, relax};
 pub use seeds::{DormantSeed, Mast};
 pub use simulate::{Simulation, Year};
 pub use species::Ecology;
-pub use steps::grow;
+pub use steps::{grow, grow_on};
 
 use std::collections::BTreeMap;
 use weald_contract::{Grid, Image, Layers, Population, Problem, Species, View};
@@ -76,6 +79,15 @@ pub enum Error {
     /// The caller's [`weald_contract::Progress`] asked to stop.
     #[error("stopped before it was done")]
     Cancelled,
+    /// The state was saved, and the work stopped there as the [`Watch`] or the caller asked.
+    #[error("stopped before it was done; the state is saved")]
+    Paused,
+    /// The [`Watch`] could not save the state.
+    #[error("the state could not be saved: {0}")]
+    NotSaved(#[from] std::io::Error),
+    /// The checkpoint is whole but does not belong to this work.
+    #[error("the checkpoint does not fit: {0}")]
+    Unfit(&'static str),
 }
 
 /// All that the steps read besides their own fields.

@@ -9,7 +9,7 @@
 mod step;
 
 pub use step::SelfThinning;
-pub(crate) use step::run;
+pub(crate) use step::{Partway, run};
 
 use crate::config::{Edge, Order};
 use crate::growth::Growth;
@@ -128,8 +128,19 @@ impl Thinning {
             let [x, y] = field.fraction([stem.x, stem.y]);
             Site { x, y, radius: stem.radius, id: stem.id }
         }));
+        Self::with_sites(rules, sites)
+    }
+
+    /// Begins with plants as they lie on the field.
+    pub(crate) fn with_sites(rules: Rules, sites: Vec<Site>) -> Self {
+        let field = Field::new(rules.size, rules.edge == Edge::Torus);
         let tally = sites.par_chunks(RUN).map(tally).reduce(Tally::default, Tally::with);
         Self { rules, levels: Levels::new(field, sites), states: Vec::new(), tally }
+    }
+
+    /// Returns the plants as they lie on the field: all that a later step depends on.
+    pub(crate) fn sites(&self) -> &Vec<Site> {
+        &self.levels.sites
     }
 
     /// Returns how many plants live.

@@ -13,6 +13,12 @@
 //! Plants of the same species that stand already take part. All chance comes from streams keyed
 //! by plant and year.
 
+mod life;
+mod run;
+
+pub(crate) use life::Life;
+pub(crate) use run::run;
+
 use crate::competition::{Circle, Plain, dominators};
 use crate::config::{Edge, Simulate};
 use crate::field::BoundFormula;
@@ -20,14 +26,14 @@ use crate::ground::Ground;
 use crate::ids::{IdSource, Tags};
 use crate::seeds::{self, DormantSeed};
 use crate::species::Ecology;
-use crate::stand::{Kind, Spot, Stand, settle};
+use crate::stand::{Kind, Stand};
 use crate::steps::Site;
-use crate::{Cause, Death, Error, SummaryRow, Surroundings};
+use crate::{Cause, Death, Error, Surroundings};
+use life::Grower;
 use rayon::prelude::*;
-use std::f32::consts::TAU;
 use std::f64::consts::PI;
 use std::ops::Range;
-use weald_contract::{Plant, Population, Seed, Silent, Size, State};
+use weald_contract::{Population, Seed, Silent, Size, State};
 
 /// Attempts to find a place for a plant of the start before it is given up.
 const ATTEMPTS: usize = 100;
@@ -37,24 +43,6 @@ const LONGEST_TABLE: usize = 4096;
 const BATCH: usize = 4096;
 /// Square metres in a hectare.
 const HECTARE: f64 = 1e4;
-
-/// A plant in the simulation.
-#[derive(Clone, Copy, Debug)]
-struct Grower {
-    id: u64,
-    x: f64,
-    y: f64,
-    age: f32,
-    vigor: f32,
-    radius: f32,
-    /// Radius that it approaches as it ages, m.
-    full_radius: f32,
-    /// Index into the participants.
-    who: u16,
-    state: State,
-    /// Whether it stood before the simulation began.
-    is_settler: bool,
-}
 
 /// A species in the simulation.
 #[derive(Debug)]
@@ -120,13 +108,7 @@ pub struct Simulation<'a> {
     rules: &'a Simulate,
     seed: Seed,
     ids: IdSource,
-    /// Seeds sown so far, with those that did not take hold: the next id's counter.
-    sown: u64,
-    year: u32,
-    growers: Vec<Grower>,
-    /// Seeds in the ground, by participant.
-    bank: Vec<Vec<DormantSeed>>,
-    deaths: Vec<Death>,
+    life: Life,
 }
 
 impl<'a> Simulation<'a> {
@@ -155,17 +137,19 @@ impl<'a> Simulation<'a> {
             stand.bank.iter().filter(is_own).copied().collect()
         };
         let mut simulation = Self {
-            bank: participants.iter().map(of).collect(),
+            life: Life {
+                year: stand.year,
+                sown: 0,
+                growers: Vec::new(),
+                bank: participants.iter().map(of).collect(),
+                deaths: Vec::new(),
+            },
             ground: site.ground.clone(),
             chance: rules.chance.as_ref().map(bind).transpose()?,
             participants,
             rules,
             seed: site.seed,
             ids: site.ids,
-            sown: 0,
-            year: stand.year,
-            growers: Vec::new(),
-            deaths: Vec::new(),
         };
         simulation.admit(&stand.population);
         Ok(simulation)
@@ -176,7 +160,7 @@ impl<'a> Simulation<'a> {
         for plant in &population.plants {
             let species = |p: &Participant<'_>| p.species == plant.species;
             let Some(who) = self.participants.iter().position(species) else { continue };
-            self.growers.push(Grower {
+            self.life.growers.push(Grower {
                 id: plant.id,
                 x: plant.x,
                 y: plant.y,
@@ -193,12 +177,12 @@ impl<'a> Simulation<'a> {
 
     /// Returns the number of plants alive.
     pub fn len(&self) -> usize {
-        self.growers.len()
+        self.life.growers.len()
     }
 
     /// Returns whether nothing grows.
     pub fn is_empty(&self) -> bool {
-        self.growers.is_empty()
+        self.life.growers.is_empty()
     }
 
     /// Returns the circles of the plants: those found at the start by id, then by arrival.
@@ -210,7 +194,7 @@ impl<'a> Simulation<'a> {
             radius: plant.radius,
             ability: self.participants[usize::from(plant.who)].ability(plant),
         };
-        self.growers.par_iter().map(circle).collect()
+        self.life.growers.par_iter().map(circle).collect()
     }
 
     /// Sows the plants of the start; those that find no place in a hundred attempts are
@@ -218,15 +202,15 @@ impl<'a> Simulation<'a> {
     pub fn sow(&mut self) -> Vec<Year> {
         let mut years = vec![Year::default(); self.participants.len()];
         for (who, year) in years.iter_mut().enumerate() {
-            let first = self.sown;
-            self.sown += u64::from(self.rules.initial);
+            let first = self.life.sown;
+            self.life.sown += u64::from(self.rules.initial);
             let ids = self.ids;
             let sown: Vec<Grower> = (0..self.rules.initial)
                 .into_par_iter()
                 .filter_map(|n| self.settler(who, ids.id(first + u64::from(n))))
                 .collect();
             year.births = sown.len() as u64;
-            self.growers.extend(sown);
+            self.life.growers.extend(sown);
         }
         self.count(&mut years);
         years
@@ -262,7 +246,7 @@ impl<'a> Simulation<'a> {
     /// # Errors
     /// When the step's `chance` has no value somewhere.
     pub fn step(&mut self) -> Result<Vec<Year>, Error> {
-        self.year += 1;
+        self.life.year += 1;
         let mut years = vec![Year::default(); self.participants.len()];
         self.die_of_age(&mut years);
         self.germinate(&mut years)?;
@@ -277,31 +261,31 @@ impl<'a> Simulation<'a> {
             plant.age >= self.participants[usize::from(plant.who)].kind.size.lifespan
         };
         let doomed: Vec<Option<Option<u64>>> =
-            self.growers.par_iter().map(|plant| is_old(plant).then_some(None)).collect();
+            self.life.growers.par_iter().map(|plant| is_old(plant).then_some(None)).collect();
         self.bury(&doomed, Cause::Old, |who| years[who].old += 1);
     }
 
     /// Removes the plants with an entry, which may name a killer.
     fn bury(&mut self, doomed: &[Option<Option<u64>>], cause: Cause, mut tally: impl FnMut(usize)) {
-        for (plant, fate) in self.growers.iter().zip(doomed) {
+        for (plant, fate) in self.life.growers.iter().zip(doomed) {
             let Some(killer) = *fate else { continue };
             let who = usize::from(plant.who);
             tally(who);
-            let (id, step) = (plant.id, self.year);
+            let (id, step) = (plant.id, self.life.year);
             let species = self.participants[who].species;
-            self.deaths.push(Death { id, species, step, cause, killer });
+            self.life.deaths.push(Death { id, species, step, cause, killer });
         }
         let mut fates = doomed.iter();
-        self.growers.retain(|_| fates.next().is_none_or(Option::is_none));
+        self.life.growers.retain(|_| fates.next().is_none_or(Option::is_none));
     }
 
     /// Returns the number of seeds that the coming year is expected to bring, of all species,
     /// with those that lie in the ground.
     fn seeds_expected(&self) -> f64 {
         let borne = |batch: &[Grower]| batch.iter().map(|plant| self.crop_of(plant)).sum();
-        let borne: Vec<f64> = self.growers.par_chunks(BATCH).map(borne).collect();
+        let borne: Vec<f64> = self.life.growers.par_chunks(BATCH).map(borne).collect();
         let afar = self.participants.iter().map(|p| self.seeds_from_afar(p.kind.ecology));
-        let waiting: usize = self.bank.iter().map(Vec::len).sum();
+        let waiting: usize = self.life.bank.iter().map(Vec::len).sum();
         afar.sum::<f64>() + borne.iter().sum::<f64>() + waiting as f64
     }
 
@@ -320,19 +304,19 @@ impl<'a> Simulation<'a> {
     fn germinate(&mut self, years: &mut [Year]) -> Result<(), Error> {
         for (who, year) in years.iter_mut().enumerate() {
             let ecology = self.participants[who].kind.ecology;
-            let mut ground = std::mem::take(&mut self.bank[who]);
+            let mut ground = std::mem::take(&mut self.life.bank[who]);
             ground.extend(self.fall(who));
-            let luck = self.seed.part("germination", u64::from(self.year));
+            let luck = self.seed.part("germination", u64::from(self.life.year));
             let (sprouting, waiting) =
                 seeds::part(ground, ecology.germination, ecology.dormancy, luck);
-            self.bank[who] = waiting;
+            self.life.bank[who] = waiting;
             let born: Vec<Grower> = self
                 .take_hold(sprouting)?
                 .into_par_iter()
                 .map(|seed| self.grower(who, seed.id, [seed.x, seed.y], 0.0))
                 .collect();
             year.births += born.len() as u64;
-            self.growers.extend(born);
+            self.life.growers.extend(born);
         }
         Ok(())
     }
@@ -344,12 +328,12 @@ impl<'a> Simulation<'a> {
         let crop = ecology
             .mast
             .as_ref()
-            .map_or(1.0, |mast| mast.crop(self.seed.part("mast", who as u64), self.year));
+            .map_or(1.0, |mast| mast.crop(self.seed.part("mast", who as u64), self.life.year));
         let expected = self.seeds_from_afar(ecology) * crop;
-        let mut stream = self.seed.part("seeds", u64::from(self.year)).stream("", who as u64);
+        let mut stream = self.seed.part("seeds", u64::from(self.life.year)).stream("", who as u64);
         let from_afar = (expected + stream.unit()).floor() as u64;
         let mothers = if ecology.seeds > 0.0 { self.mothers(who, crop) } else { Vec::new() };
-        let first = self.sown;
+        let first = self.life.sown;
         let mut fallen = self.land(who, first..first + from_afar, None);
         let mut next = first + from_afar;
         let mut litters = Vec::with_capacity(mothers.len());
@@ -358,17 +342,17 @@ impl<'a> Simulation<'a> {
             next += count;
         }
         let land = |(mother, seeds): &(usize, Range<u64>)| {
-            self.land(who, seeds.clone(), Some(&self.growers[*mother]))
+            self.land(who, seeds.clone(), Some(&self.life.growers[*mother]))
         };
         let litters: Vec<Vec<DormantSeed>> = litters.par_iter().map(land).collect();
         fallen.extend(litters.into_iter().flatten());
-        self.sown = next;
+        self.life.sown = next;
         fallen
     }
 
     /// Returns the plants of a species that bear seeds this year, by index, and how many each.
     fn mothers(&self, who: usize, crop: f64) -> Vec<(usize, u64)> {
-        let luck = self.seed.part("crop", u64::from(self.year));
+        let luck = self.seed.part("crop", u64::from(self.life.year));
         let seeds_of = |(index, plant): (usize, &Grower)| {
             if usize::from(plant.who) != who {
                 return None;
@@ -377,7 +361,7 @@ impl<'a> Simulation<'a> {
             let count = (expected + luck.stream("", plant.id).unit()).floor() as u64;
             (count > 0).then_some((index, count))
         };
-        self.growers.par_iter().enumerate().filter_map(seeds_of).collect()
+        self.life.growers.par_iter().enumerate().filter_map(seeds_of).collect()
     }
 
     /// Returns the seeds, of those with these numbers, that land where the species can stand:
@@ -427,7 +411,7 @@ impl<'a> Simulation<'a> {
 
     fn grow_older(&mut self) {
         let participants = &self.participants;
-        self.growers.par_iter_mut().with_min_len(BATCH).for_each(|plant| {
+        self.life.growers.par_iter_mut().with_min_len(BATCH).for_each(|plant| {
             plant.age += 1.0;
             let grown = participants[usize::from(plant.who)].radius(plant.age, plant.full_radius);
             // A plant handed in larger than its age says keeps its size until it has caught up.
@@ -436,8 +420,8 @@ impl<'a> Simulation<'a> {
     }
 
     fn compete(&mut self, years: &mut [Year]) {
-        let luck = self.seed.part("survival", u64::from(self.year));
-        let (growers, participants) = (&self.growers, &self.participants);
+        let luck = self.seed.part("survival", u64::from(self.life.year));
+        let (growers, participants) = (&self.life.growers, &self.participants);
         let survives = |index: usize| {
             let plant: &Grower = &growers[index];
             let survival = participants[usize::from(plant.who)].kind.ecology.survival;
@@ -461,7 +445,7 @@ impl<'a> Simulation<'a> {
     /// Notes how each plant stands after competition.
     fn mark(&mut self, stronger: &[Option<u32>]) {
         let participants = &self.participants;
-        self.growers.par_iter_mut().zip(stronger).for_each(|(plant, stronger)| {
+        self.life.growers.par_iter_mut().zip(stronger).for_each(|(plant, stronger)| {
             let lifespan = participants[usize::from(plant.who)].kind.size.lifespan;
             plant.state = match stronger {
                 _ if plant.age >= lifespan => State::Old,
@@ -484,7 +468,7 @@ impl<'a> Simulation<'a> {
             }
             sums
         };
-        let batches: Vec<_> = self.growers.par_chunks(BATCH).map(tally).collect();
+        let batches: Vec<_> = self.life.growers.par_chunks(BATCH).map(tally).collect();
         for (who, (alive, radii, areas)) in
             batches.iter().flat_map(|sums| sums.iter().copied().enumerate())
         {
@@ -492,98 +476,8 @@ impl<'a> Simulation<'a> {
             years[who].radius_sum += radii;
             years[who].area_sum += areas;
         }
-        for (year, bank) in years.iter_mut().zip(&self.bank) {
+        for (year, bank) in years.iter_mut().zip(&self.life.bank) {
             year.seeds = bank.len() as u64;
         }
     }
-}
-
-/// Runs the step and puts its plants into the stand.
-pub(crate) fn run<'a>(
-    rules: &'a Simulate,
-    site: &Site<'a>,
-    stand: &mut Stand<'a>,
-) -> Result<(), Error> {
-    site.progress.begin("simulate", u64::from(rules.years.value), "years");
-    let mut simulation = Simulation::begin(rules, site, stand)?;
-    let bystanders = (stand.population.len() - simulation.len()) as u64;
-    let sown = u64::from(rules.initial) * rules.species.len() as u64;
-    stand.check_room(sown, "sowing `initial` plants")?;
-    stand.check_room(simulation.seeds_expected() as u64, "the seeds of one year")?;
-    let start = simulation.sow();
-    if !is_as_recorded(&simulation, &start, stand) {
-        record(&simulation, &start, stand);
-    }
-    for _ in 0..rules.years.value {
-        site.check_cancelled()?;
-        stand.check_room(simulation.seeds_expected() as u64, "the seeds of one year")?;
-        let years = simulation.step()?;
-        let in_all = simulation.len() as u64 + bystanders;
-        stand.check_room(in_all.saturating_sub(stand.population.len() as u64), "the simulation")?;
-        record(&simulation, &years, stand);
-        site.progress.advance(1);
-    }
-    hand_over(simulation, site, stand);
-    Ok(())
-}
-
-/// Returns whether the last rows of the summary say already what a simulation begins with.
-fn is_as_recorded(simulation: &Simulation<'_>, start: &[Year], stand: &Stand<'_>) -> bool {
-    simulation.participants.iter().zip(start).all(|(participant, year)| {
-        let last = stand.summary.iter().rfind(|row| row.species == participant.species);
-        year.births == 0 && last.is_some_and(|row| row.alive == year.alive)
-    })
-}
-
-fn record(simulation: &Simulation<'_>, years: &[Year], stand: &mut Stand<'_>) {
-    let area = simulation.ground.area();
-    let rows = simulation.participants.iter().zip(years).map(|(participant, year)| SummaryRow {
-        step: simulation.year,
-        species: participant.species,
-        alive: year.alive,
-        births: year.births,
-        dominated: year.dominated,
-        old: year.old,
-        mean_radius: (year.radius_sum / (year.alive as f64).max(1.0)) as f32,
-        cover: (year.area_sum / area) as f32,
-        seeds: year.seeds,
-    });
-    stand.summary.extend(rows);
-}
-
-/// Puts what the simulation left into the stand: settlers changed or removed, others added.
-fn hand_over(simulation: Simulation<'_>, site: &Site<'_>, stand: &mut Stand<'_>) {
-    stand.year = simulation.year;
-    let took_part = |plant: &Plant| {
-        simulation.participants.iter().any(|participant| participant.species == plant.species)
-    };
-    // Growers and plants are both sorted by id, settlers being found in one walk.
-    let mut settlers = simulation.growers.iter().filter(|plant| plant.is_settler).peekable();
-    let mut keep = Vec::with_capacity(stand.population.len());
-    for plant in &mut stand.population.plants {
-        let survivor = settlers.next_if(|grower| grower.id == plant.id);
-        keep.push(survivor.is_some() || !took_part(plant));
-        if let Some(grower) = survivor {
-            let size = simulation.participants[usize::from(grower.who)].kind.size;
-            plant.height = plant.height.max(size.height_at(grower.age, grower.vigor));
-            (plant.age, plant.radius, plant.state) = (grower.age, grower.radius, grower.state);
-        }
-    }
-    stand.keep(&keep);
-    let newcomer = |grower: &Grower| {
-        let participant = &simulation.participants[usize::from(grower.who)];
-        let yaw = site.seed.stream("yaw", grower.id).unit() as f32 * TAU;
-        let &Grower { id, x, y, age, vigor, .. } = grower;
-        let spot = Spot { id, x, y, age, vigor, yaw };
-        let plant = settle(&site.ground, &participant.kind, participant.species, spot);
-        Plant { radius: grower.radius, state: grower.state, ..plant }
-    };
-    let newcomers: Vec<&Grower> = simulation.growers.iter().filter(|g| !g.is_settler).collect();
-    stand.add(newcomers.par_iter().map(|grower| newcomer(grower)).collect());
-    stand.deaths.extend(simulation.deaths);
-    let is_own = |seed: &DormantSeed| {
-        simulation.participants.iter().any(|participant| participant.species == seed.species)
-    };
-    stand.bank.retain(|seed| !is_own(seed));
-    stand.bank.extend(simulation.bank.into_iter().flatten());
 }

@@ -65,6 +65,20 @@ pub(crate) struct Stand<'a> {
     most: u64,
 }
 
+/// What a stand carries from step to step.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(crate) struct Belongings {
+    pub(crate) population: Population,
+    pub(crate) bank: Vec<DormantSeed>,
+    pub(crate) year: u32,
+    pub(crate) summary: Vec<SummaryRow>,
+    pub(crate) deaths: Vec<Death>,
+    pub(crate) snapshots: Vec<Snapshot>,
+    pub(crate) unplaced: Vec<Unplaced>,
+    pub(crate) plot_fits: Vec<PlotFit>,
+    pub(crate) layers: BTreeMap<String, Grid>,
+}
+
 impl<'a> Stand<'a> {
     /// Begins with the plants of `start`, which must have distinct ids and known species.
     pub(crate) fn new(
@@ -76,18 +90,29 @@ impl<'a> Stand<'a> {
         if start.is_none() {
             population.crs = around.terrain.crs.clone();
         }
+        Self::with(around, Belongings { population, ..Belongings::default() }, most)
+    }
+
+    /// Goes on with what was so far, whose layers must be set by the caller.
+    pub(crate) fn with(
+        around: &Surroundings<'a>,
+        so_far: Belongings,
+        most: u64,
+    ) -> Result<Self, Error> {
+        let Belongings { mut population, bank, year, summary, deaths, snapshots, .. } = so_far;
+        let Belongings { unplaced, plot_fits, .. } = so_far;
         let names = std::mem::take(&mut population.species);
-        let (kinds, year, known) = (Vec::new(), 0, around.species);
+        let known = around.species;
         let mut stand = Self {
             population,
-            kinds,
-            bank: Vec::new(),
+            kinds: Vec::new(),
+            bank,
             year,
-            summary: Vec::new(),
-            deaths: Vec::new(),
-            snapshots: Vec::new(),
-            unplaced: Vec::new(),
-            plot_fits: Vec::new(),
+            summary,
+            deaths,
+            snapshots,
+            unplaced,
+            plot_fits,
             images: BTreeMap::new(),
             layers: BTreeMap::new(),
             spacing: &[],
@@ -121,6 +146,13 @@ impl<'a> Stand<'a> {
             self.kinds.push(Kind { size: &species.size, ecology, group });
         }
         Some(index)
+    }
+
+    /// Returns a population of these plants, on the same map and of the same species.
+    pub(crate) fn of(&self, plants: Vec<Plant>) -> Population {
+        let Population { species, crs, .. } = &self.population;
+        let (species, crs) = (species.clone(), crs.clone());
+        Population { species, crs, plants, ..Population::default() }
     }
 
     /// Returns the kind of a species by its index.
@@ -234,17 +266,22 @@ fn check_start(population: &Population) -> Result<(), Error> {
 
 /// Returns what is wrong with a plant from a table, if anything is.
 pub(crate) fn fault(plant: &Plant, species_count: usize) -> Option<&'static str> {
-    let numbers = [plant.radius, plant.height, plant.age];
+    let sizes = [plant.radius, plant.height, plant.age];
     if usize::from(plant.species) >= species_count {
         return Some("its species number is beyond the list of species");
     }
     if !plant.x.is_finite() || !plant.y.is_finite() {
         return Some("its place is no number");
     }
-    if numbers.iter().any(|number| !number.is_finite() || *number < 0.0) {
+    if !sizes.into_iter().all(is_size) {
         return Some("radius, height and age must be numbers from 0");
     }
     (!(0.0..=1.0).contains(&plant.vigor)).then_some("vigor must lie between 0 and 1")
+}
+
+/// Whether a number can be a size or an age.
+pub(crate) fn is_size(number: f32) -> bool {
+    number.is_finite() && number >= 0.0
 }
 
 /// A plant before it stands: what the steps decide.

@@ -1,17 +1,17 @@
 //! The step `self_thinning`: a stand of one species that thins itself on the terrain.
 
 use super::{Loss, Rules, Stem, Thinning};
+use crate::bytes::records;
+use crate::checkpoint::{Begun, Course, Going, Moment};
 use crate::config::{Edge, Order};
 use crate::growth::Growth;
-use crate::stand::{Spot, Stand, settle};
+use crate::levels;
+use crate::stand::{Spot, Stand, is_size, settle};
 use crate::steps::Site;
 use crate::{Cause, Death, Error, Snapshot, SummaryRow};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
-use weald_contract::{Plant, Population, Problem, State, Written, table};
-
-/// Steps between two looks at whether the user wants to stop.
-const PATIENCE: u32 = 8;
+use weald_contract::{Plant, Problem, State, Written, table};
 
 table! {
     /// Lets a stand of one species thin itself: of circles that intersect the smaller dies.
@@ -55,36 +55,53 @@ impl SelfThinning {
     }
 }
 
+/// A stand part of the way through its steps.
+#[derive(Clone, Debug, PartialEq)]
+pub(crate) struct Partway {
+    /// Steps that are done.
+    done: u32,
+    /// The plants that live.
+    sites: Vec<levels::Site>,
+}
+
+records! {
+    Partway { done: u32, sites: Vec<levels::Site> }
+    levels::Site { x: u32, y: u32, radius: f32, id: u32 }
+}
+
 /// Runs the step and puts its plants into the stand.
 pub(crate) fn run(
     rules: &SelfThinning,
+    ordinal: usize,
     site: &Site<'_>,
     stand: &mut Stand<'_>,
+    course: &mut Course<'_>,
 ) -> Result<(), Error> {
     let species = stand.species_of(&rules.species)?;
+    let steps = rules.steps.value;
     stand.check_room(u64::from(rules.plants), "sowing `plants`")?;
-    site.progress.begin("self-thinning", u64::from(rules.steps.value), "steps");
+    site.progress.begin("self-thinning", u64::from(steps), "steps");
     let run = Run { rules, site, species, ids: ids(rules, site, stand, species) };
-    let mut thinning = Thinning::new(run.rules_of_thinning(), run.stems(stand).into_iter());
-    let first_year = stand.year;
-    run.record(&thinning, stand, u64::from(rules.plants));
-    for step in 0..=rules.steps.value {
-        if step % PATIENCE == 0 {
-            site.check_cancelled()?;
+    let (mut thinning, done) = match course.begun.take() {
+        Some(Begun::Steps(partway)) => run.resume(partway)?,
+        Some(_) => return Err(Error::Unfit("it stopped in a step of another kind")),
+        None => {
+            let thinning = Thinning::new(run.rules_of_thinning(), run.stems(stand).into_iter());
+            run.record(&thinning, stand, u64::from(rules.plants));
+            (thinning, 0)
         }
+    };
+    let years = stand.year.checked_sub(done);
+    let first_year = years.ok_or(Error::Unfit("its years are not those of the step"))?;
+    site.progress.advance(u64::from(done));
+    for step in done..=steps {
         thinning.look();
         stand.year = first_year + step;
         if rules.keep.iter().any(|kept| kept.value == step) {
-            let plants = run.plants(&thinning, stand);
-            let population = Population {
-                species: stand.population.species.clone(),
-                crs: stand.population.crs.clone(),
-                plants,
-                ..Population::default()
-            };
+            let population = stand.of(run.plants(&thinning, stand));
             stand.snapshots.push(Snapshot { step: stand.year, population });
         }
-        if step == rules.steps.value {
+        if step == steps {
             break;
         }
         stand.year += 1;
@@ -95,6 +112,8 @@ pub(crate) fn run(
         thinning.advance();
         run.record(&thinning, stand, 0);
         site.progress.advance(1);
+        let going = Going::Steps { done: step + 1, sites: thinning.sites() };
+        course.rest(site, 1, &Moment { ordinal, stand, going })?;
     }
     run.hand_over(&thinning, stand);
     Ok(())
@@ -132,6 +151,16 @@ impl Run<'_, '_> {
             limit: self.rules.limit.unwrap_or(f32::INFINITY),
             seed: self.site.seed,
         }
+    }
+
+    /// Goes on from what a checkpoint holds; returns the steps that are done as well.
+    fn resume(&self, Partway { done, sites }: Partway) -> Result<(Thinning, u32), Error> {
+        let is_sound =
+            |site: &levels::Site| (site.id as usize) < self.ids.len() && is_size(site.radius);
+        if done > self.rules.steps.value || !sites.iter().all(is_sound) {
+            return Err(Error::Unfit("its steps or plants are not those of the step"));
+        }
+        Ok((Thinning::with_sites(self.rules_of_thinning(), sites), done))
     }
 
     fn stems(&self, stand: &Stand<'_>) -> Vec<Stem> {

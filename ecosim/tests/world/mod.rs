@@ -6,7 +6,9 @@ use std::collections::BTreeMap;
 use weald_contract::{
     Crs, Frame, FromToml, Image, Layers, Population, Problems, Seed, Silent, Species, Value, View,
 };
-use weald_ecosim::{Config, Ecology, Error, Outcome, Surroundings, grow};
+use weald_ecosim::{
+    Checkpoint, Config, Course, Ecology, Error, Moment, Next, Outcome, Surroundings, Watch, grow_on,
+};
 
 pub struct World {
     pub terrain: Layers,
@@ -79,6 +81,15 @@ impl World {
     }
 
     pub fn grow_from(&self, steps: &str, start: Option<&Population>) -> Result<Outcome, Error> {
+        self.grow_on(steps, start, Course::default())
+    }
+
+    pub fn grow_on(
+        &self,
+        steps: &str,
+        start: Option<&Population>,
+        course: Course<'_>,
+    ) -> Result<Outcome, Error> {
         let around = Surroundings {
             terrain: &self.terrain,
             species: &self.species,
@@ -86,7 +97,33 @@ impl World {
             plants: &self.plants,
             views: &self.views,
         };
-        grow(&config(steps), &around, start, self.seed, &Silent)
+        grow_on(&config(steps), &around, start, self.seed, &Silent, course)
+    }
+
+    /// The state after so many years in all, reached with a stop at each of the `stops` before.
+    pub fn stopped(&self, steps: &str, start: Option<&Population>, stops: &[u32]) -> Vec<u8> {
+        let mut watch = StopAfter { years: 0, state: Vec::new() };
+        let mut before = 0;
+        for stop in stops {
+            let from = (!watch.state.is_empty()).then(|| Checkpoint::read(&watch.state).unwrap());
+            watch.years = stop - before;
+            let course = Course::new(from, Some(&mut watch));
+            let end = self.grow_on(steps, start, course);
+            assert!(matches!(end, Err(Error::Paused)), "{end:?}");
+            before = *stop;
+        }
+        watch.state
+    }
+
+    /// What comes of going on from a state.
+    pub fn resumed(
+        &self,
+        steps: &str,
+        start: Option<&Population>,
+        state: &[u8],
+    ) -> Result<Outcome, Error> {
+        let from = Some(Checkpoint::read(state).map_err(|_| Error::Unfit("damaged"))?);
+        self.grow_on(steps, start, Course::new(from, None))
     }
 
     /// Places of plants in scene coordinates.
@@ -135,3 +172,21 @@ pub fn unevenness(places: &[[f64; 2]], side: f64, margin: f64) -> f64 {
 
 pub const HERB: &str = "size = { height = 0.5, crown_radius = 0.2, lifespan = 3 }";
 pub const TREE: &str = "size = { height = 18, crown_radius = 2.5, lifespan = 120 }";
+
+/// A watch that keeps the state in memory and stops after so many years.
+pub struct StopAfter {
+    pub years: u32,
+    pub state: Vec<u8>,
+}
+
+impl Watch for StopAfter {
+    fn next(&mut self, years: u32) -> Next {
+        self.years = self.years.saturating_sub(years);
+        if self.years == 0 { Next::Stop } else { Next::GoOn }
+    }
+
+    fn save(&mut self, moment: &Moment<'_>) -> std::io::Result<()> {
+        self.state.clear();
+        moment.write(&mut self.state)
+    }
+}

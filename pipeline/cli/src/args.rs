@@ -165,7 +165,11 @@ pub struct Terrain {
 #[command(after_long_help = "\
 Examples:
   weald ecosim scenes/pond --terrain terrain -o population.parquet
-  weald ecosim scenes/pond --terrain terrain --start field.csv -o grown.csv")]
+  weald ecosim scenes/pond --terrain terrain --start field.csv -o grown.csv
+
+A long simulation that may be stopped at any time, by Ctrl-C or a reboot:
+  weald ecosim scenes/pond --terrain terrain --checkpoint pond.checkpoint -o population.parquet
+The same command goes on from what was saved; the files are those of a run without a stop.")]
 pub struct Ecosim {
     /// The scene.
     #[command(flatten)]
@@ -179,6 +183,16 @@ pub struct Ecosim {
     /// The population, `.parquet` or `.csv`.
     #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub output: PathBuf,
+    /// Save the state of the simulation in this file as it goes, and on Ctrl-C; go on from it if it
+    /// is there. It is removed when all is done.
+    #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    pub checkpoint: Option<PathBuf>,
+    /// Time from one save to the next, at least.
+    #[arg(long, value_name = "SECONDS", default_value_t = 60, requires = "checkpoint", value_parser = clap::value_parser!(u32).range(0..=604_800))]
+    pub checkpoint_every: u32,
+    /// Save and stop, with exit code 75, after so many simulated years or steps.
+    #[arg(long, value_name = "YEARS", requires = "checkpoint", value_parser = clap::value_parser!(u32).range(1..))]
+    pub stop_after: Option<u32>,
 }
 
 /// `weald quantize`.

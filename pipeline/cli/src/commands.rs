@@ -9,6 +9,7 @@ use serde_json::{Value as Json, json};
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::time::{Duration, Instant, SystemTime};
+use weald_run::checkpoint::Saving;
 use weald_run::make::{EcosimPaths, Made, RenderPaths};
 use weald_run::{
     Changes, Error, Plan, Result, Scene, alone, analysis, bench, canvas, check, compare, execute,
@@ -273,6 +274,12 @@ fn grow(arguments: &args::Ecosim, global: &Global, shown: &Shown) -> Result<Made
         terrain: arguments.terrain.clone(),
         start: arguments.start.clone(),
         population: arguments.output.clone(),
+        saving: arguments.checkpoint.as_ref().map(|file| Saving {
+            file: file.clone(),
+            every: Duration::from_secs(arguments.checkpoint_every.into()),
+            stop_after: arguments.stop_after,
+            is_strict: true,
+        }),
     };
     alone::ecosim(&scene, &paths, shown)
 }

@@ -163,6 +163,9 @@ fn columns(path: &Path, kind: FileKind) -> Result<Vec<(String, Column)>> {
         }
         FileKind::Plant => plant_columns(&weald_formats::read_plant(path)?),
         FileKind::Palette => palette_columns(&weald_formats::read_palette(path)?),
+        FileKind::Checkpoint => {
+            vec![("bytes".into(), Column::text([weald_formats::hash_file(path)?]))]
+        }
         FileKind::Report
         | FileKind::Scene
         | FileKind::Species

@@ -40,6 +40,17 @@ pub enum Error {
         /// Whether something was finished that the next run will not repeat.
         saved: bool,
     },
+    /// The user asked to stop in the middle of a simulation, whose state is kept.
+    #[error(
+        "stopped after year {year}; {} holds all of it: the same command goes on from there",
+        file.display()
+    )]
+    Paused {
+        /// The checkpoint.
+        file: PathBuf,
+        /// Years simulated so far.
+        year: u32,
+    },
 }
 
 /// Result of this crate's functions.
@@ -64,7 +75,7 @@ impl Error {
     /// The command's exit code, as the manual lists them.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Stopped { saved: true } => 75,
+            Self::Stopped { saved: true } | Self::Paused { .. } => 75,
             _ => 2,
         }
     }

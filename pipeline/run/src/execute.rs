@@ -1,5 +1,6 @@
 //! Carrying out a plan: stale stages run, in order, and leave a record each.
 
+use crate::checkpoint::Saving;
 use crate::error::{Error, Result};
 use crate::make::{self, EcosimPaths, Made, RenderPaths};
 use crate::plan::{Plan, Step};
@@ -9,6 +10,7 @@ use crate::scene::Scene;
 use serde::Serialize;
 use serde_json::Value as Json;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 use weald_contract::Progress;
 
 /// Hears of stages as they begin and end, beside the progress within them.
@@ -141,6 +143,7 @@ fn make_stage(
                 terrain: layout.terrain(),
                 start: None,
                 population: layout.population(),
+                saving: Some(saving(layout)),
             };
             make::ecosim(scene, &paths, story, progress)
         }
@@ -160,6 +163,19 @@ fn make_stage(
             };
             make::render(scene, &paths, is_draft, story, progress)
         }
+    }
+}
+
+/// Time from one checkpoint of a run's simulation to the next: less than anyone minds to lose.
+const CHECKPOINT_INTERVAL: Duration = Duration::from_secs(60);
+
+/// A simulation that a run was stopped in goes on with the next run.
+fn saving(layout: &Layout) -> Saving {
+    Saving {
+        file: layout.out.join(".weald/ecosim.checkpoint"),
+        every: CHECKPOINT_INTERVAL,
+        stop_after: None,
+        is_strict: false,
     }
 }
 

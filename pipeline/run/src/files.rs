@@ -38,6 +38,8 @@ pub enum FileKind {
     Png,
     /// A JSON report.
     Report,
+    /// The state of a simulation.
+    Checkpoint,
 }
 
 impl FileKind {
@@ -58,6 +60,7 @@ impl FileKind {
             FileKind::Picture => "a picture",
             FileKind::Png => "an 8-bit picture",
             FileKind::Report => "a report",
+            FileKind::Checkpoint => "a checkpoint of a simulation",
         }
     }
 }
@@ -83,6 +86,7 @@ pub fn kind(path: &Path) -> Result<FileKind> {
         Some("exr") => Ok(FileKind::Picture),
         Some("png") => Ok(FileKind::Png),
         Some("json") => Ok(FileKind::Report),
+        _ if crate::checkpoint::is_checkpoint(path) => Ok(FileKind::Checkpoint),
         _ => Err(Error::plain(
             format!("{} is no file of ours", path.display()),
             "known endings: tif, asc, parquet, csv, geojson, gpkg, toml, glb, exr, png, json",

@@ -1,5 +1,6 @@
 //! The story of a file, back to the ground: `weald info`.
 
+use crate::checkpoint;
 use crate::error::{Error, Result};
 use crate::files::{self, FileKind};
 use crate::parameters::canonical;
@@ -58,8 +59,8 @@ fn provenance(path: &Path, kind: FileKind) -> Result<Option<Provenance>> {
             let report: Json = read_json(path)?;
             Ok(serde_json::from_value(report["provenance"].clone()).ok())
         }
-        // People wrote these.
-        FileKind::Scene | FileKind::Species => Ok(None),
+        // People wrote these, and a checkpoint is told by its facts.
+        FileKind::Scene | FileKind::Species | FileKind::Checkpoint => Ok(None),
         // An .asc of another program has no place for a story.
         FileKind::Raster if path.extension().is_some_and(|ending| ending == "asc") => Ok(None),
         _ => Ok(weald_formats::provenance(path)?),
@@ -92,6 +93,7 @@ fn facts(path: &Path, kind: FileKind) -> Result<Vec<(String, Json)>> {
             Ok(vec![fact("size", format!("{} x {} pixels", preview.width, preview.height))])
         }
         FileKind::Report => Ok(vec![fact("report", read_json(path)?["report"].clone())]),
+        FileKind::Checkpoint => checkpoint_facts(path),
     }
 }
 
@@ -207,6 +209,16 @@ fn palette_facts(path: &Path) -> Result<Vec<(String, Json)>> {
         };
         facts.push(fact(&format!("  {name}"), text));
     }
+    Ok(facts)
+}
+
+fn checkpoint_facts(path: &Path) -> Result<Vec<(String, Json)>> {
+    let Some(checkpoint::Header { recipe, year }) = checkpoint::describe(path)? else {
+        return Ok(Vec::new());
+    };
+    let steps = recipe.parameters["ecosim"]["step"].as_array().map_or(0, Vec::len);
+    let mut facts = vec![fact("years done", year), fact("steps", steps), fact("seed", recipe.seed)];
+    facts.extend(recipe.inputs.into_iter().map(|input| fact(&input.name, input.blake3)));
     Ok(facts)
 }
 

@@ -12,6 +12,7 @@ pub mod appearance;
 pub mod bench;
 pub mod canvas;
 pub mod check;
+pub mod checkpoint;
 pub mod compare;
 mod denoise;
 pub mod edit;

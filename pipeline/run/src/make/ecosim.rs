@@ -3,8 +3,9 @@
 use super::{
     Made, at_field, images, make_folder_of, parent, stage_error, stage_seed, whole_terrain,
 };
+use crate::checkpoint::{self, Keeper, Saving};
 use crate::error::{Error, Result};
-use crate::parameters::{ecosim_species, views_seen_from};
+use crate::parameters::{ecosim_species, hashed_inputs, views_seen_from};
 use crate::preview;
 use crate::recipe::Stage;
 use crate::scene::{Scene, SceneInput};
@@ -12,7 +13,8 @@ use serde_json::{Value as Json, json};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use weald_contract::{Crs, Image, InputKind, Population, Problem, Progress};
+use weald_contract::{Crs, Image, InputKind, Layers, Population, Problem, Progress};
+use weald_ecosim::{Course, Outcome, Surroundings};
 use weald_formats::geotiff::BandRef;
 use weald_formats::{Column, Provenance, Table};
 
@@ -25,100 +27,191 @@ pub struct EcosimPaths {
     pub start: Option<PathBuf>,
     /// The population, `.parquet` or `.csv`.
     pub population: PathBuf,
+    /// Whether and where the state is saved as the work goes on.
+    pub saving: Option<Saving>,
 }
 
 /// Ecosim: terrain to plants, with the history of simulations beside them.
 ///
 /// # Errors
-/// An input is damaged, the stage refuses, or the disk does.
+/// An input is damaged, the stage refuses, or the disk does; [`Error::Paused`] when the work was
+/// stopped with its state saved.
 pub fn ecosim(
     scene: &Scene,
     paths: &EcosimPaths,
     mut provenance: Provenance,
     progress: &dyn Progress,
 ) -> Result<Made> {
-    let stage = Stage::Ecosim;
-    let terrain = whole_terrain(&paths.terrain)?;
-    let start = paths.start.as_deref().map(weald_formats::read_population).transpose()?;
+    let opened = Opened::new(scene, &paths.terrain, paths.start.as_deref())?;
+    let outcome = match &paths.saving {
+        None => opened.grow(scene, progress, Course::default()).map_err(refusal(scene))?,
+        Some(saving) => opened.grow_saving(scene, paths, saving, &provenance, progress)?,
+    };
     provenance.inputs.push(parent(&paths.terrain)?);
     if let Some(start) = &paths.start {
         provenance.inputs.push(parent(start)?);
     }
-    check_maps(scene, &terrain.crs)?;
-    let images = images(scene, &scene.ecosim_inputs)?;
-    let outcome = weald_ecosim::grow(
-        &scene.ecosim,
-        &weald_ecosim::Surroundings {
-            terrain: &terrain,
-            species: &ecosim_species(scene),
-            images: &images,
-            plants: &plants_of_tables(scene)?,
-            views: &views_seen_from(scene, &scene.ecosim),
-        },
-        start.as_ref(),
-        stage_seed(scene, stage),
-        progress,
-    )
-    .map_err(stage_error!(&scene.sources, stage, weald_ecosim))?;
-
-    let mut made = Made { report: population_report(&outcome.population), ..Made::default() };
-    made.report["deaths"] = json!(outcome.deaths.len());
-    report_planting(&mut made.report, &outcome);
-    make_folder_of(&paths.population)?;
-    weald_formats::write_population(&paths.population, &outcome.population, &provenance)?;
-    made.wrote(&paths.population)?;
-    let beside = |name: &str| paths.population.with_file_name(name);
-    let names = &outcome.population.species;
-    let area = terrain.frame.len() as f64 * terrain.frame.cell_area();
-    let tables = [
-        (beside("summary.csv"), summary_table(&outcome.summary, names, area)),
-        (beside("deaths.parquet"), deaths_table(&outcome.deaths, names)),
-    ];
-    for (path, table) in &tables {
-        weald_formats::write_table(path, table, &provenance)?;
-        made.wrote(path)?;
-    }
-    for path in
-        made.files.clone().iter().filter(|path| path.extension().is_some_and(|e| e == "csv"))
-    {
-        made.wrote(&path.with_extension("csv.json"))?;
-    }
-    for (name, grid) in &outcome.layers {
-        let path = beside(&format!("{name}.tif"));
-        let band = BandRef {
-            name,
-            frame: grid.frame,
-            crs: &terrain.crs,
-            unit: "m-2",
-            definition: "plants between sample plots",
-            values: &grid.values,
-        };
-        weald_formats::geotiff::write_band(&path, band, &provenance)?;
-        made.wrote(&path)?;
-    }
-    for snapshot in &outcome.snapshots {
-        let path = numbered(&paths.population, snapshot.step);
-        weald_formats::write_population(&path, &snapshot.population, &provenance)?;
-        made.wrote(&path)?;
-    }
-    if !outcome.snapshots.is_empty() {
-        let sheet = preview::draw_stand(&outcome.summary, &outcome.snapshots, &terrain.frame);
-        made.preview(&beside("stand.png"), &sheet, &provenance)?;
-    }
-    let colors = species_colors(scene, &outcome.population);
-    let dots = preview::draw_population(&outcome.population, Some(&terrain), &colors);
-    made.preview(&paths.population.with_extension("png"), &dots, &provenance)?;
-    let densities = densities(scene, &images);
-    if !densities.is_empty() {
-        let is_patch =
-            |name: &String| scene.species.get(name).is_some_and(|s| s.species.group.is_some());
-        let names = &outcome.population.species;
-        let is_drawn: Vec<bool> = names.iter().map(|name| !is_patch(name)).collect();
-        let ground = terrain.frame;
-        let dots = preview::draw_dots(&outcome.population, ground, &densities, &colors, &is_drawn);
-        made.preview(&paths.population.with_extension("dots.png"), &dots, &provenance)?;
-    }
+    let made = opened.write(scene, &paths.population, &outcome, &provenance)?;
+    paths.saving.as_ref().map_or(Ok(()), Saving::close)?;
     Ok(made)
+}
+
+/// Turns the stage's error into ours.
+fn refusal(scene: &Scene) -> impl Fn(weald_ecosim::Error) -> Error {
+    stage_error!(&scene.sources, Stage::Ecosim, weald_ecosim)
+}
+
+/// All that a growth reads, opened.
+struct Opened {
+    terrain: Layers,
+    start: Option<Population>,
+    images: BTreeMap<String, Image>,
+    plants: BTreeMap<String, Population>,
+}
+
+impl Opened {
+    fn new(scene: &Scene, terrain: &Path, start: Option<&Path>) -> Result<Self> {
+        let terrain = whole_terrain(terrain)?;
+        let start = start.map(weald_formats::read_population).transpose()?;
+        check_maps(scene, &terrain.crs)?;
+        let images = images(scene, &scene.ecosim_inputs)?;
+        Ok(Self { terrain, start, images, plants: plants_of_tables(scene)? })
+    }
+
+    fn grow(
+        &self,
+        scene: &Scene,
+        progress: &dyn Progress,
+        course: Course<'_>,
+    ) -> Result<Outcome, weald_ecosim::Error> {
+        let around = Surroundings {
+            terrain: &self.terrain,
+            species: &ecosim_species(scene),
+            images: &self.images,
+            plants: &self.plants,
+            views: &views_seen_from(scene, &scene.ecosim),
+        };
+        let seed = stage_seed(scene, Stage::Ecosim);
+        weald_ecosim::grow_on(&scene.ecosim, &around, self.start.as_ref(), seed, progress, course)
+    }
+
+    /// Grows with rests at which the state is saved, from the state that was saved before.
+    fn grow_saving(
+        &self,
+        scene: &Scene,
+        paths: &EcosimPaths,
+        saving: &Saving,
+        story: &Provenance,
+        progress: &dyn Progress,
+    ) -> Result<Outcome> {
+        make_folder_of(&saving.file)?;
+        let inputs = hashed_inputs(scene, Stage::Ecosim)?;
+        let recipe = checkpoint::recipe(story, inputs, &paths.terrain, paths.start.as_deref())?;
+        let from = saving.open(&recipe)?;
+        let saved = from.as_ref().map(|checkpoint| {
+            checkpoint::tell(saving, checkpoint, progress);
+            checkpoint.year()
+        });
+        let mut keeper = Keeper::new(saving, &recipe, saved);
+        let grown = self.grow(scene, progress, Course::new(from, Some(&mut keeper)));
+        grown.map_err(|error| match (error, keeper.saved) {
+            (weald_ecosim::Error::Paused | weald_ecosim::Error::Cancelled, Some(year)) => {
+                Error::Paused { file: saving.file.clone(), year }
+            }
+            (error, _) => refusal(scene)(error),
+        })
+    }
+
+    /// Writes the plants, the history and the previews.
+    fn write(
+        &self,
+        scene: &Scene,
+        population: &Path,
+        outcome: &Outcome,
+        provenance: &Provenance,
+    ) -> Result<Made> {
+        let mut made = Made { report: population_report(&outcome.population), ..Made::default() };
+        made.report["deaths"] = json!(outcome.deaths.len());
+        report_planting(&mut made.report, outcome);
+        make_folder_of(population)?;
+        weald_formats::write_population(population, &outcome.population, provenance)?;
+        made.wrote(population)?;
+        self.write_history(population, outcome, provenance, &mut made)?;
+        self.write_previews(scene, population, outcome, provenance, &mut made)?;
+        Ok(made)
+    }
+
+    /// Writes summary, deaths, layers and kept steps beside the population.
+    fn write_history(
+        &self,
+        population: &Path,
+        outcome: &Outcome,
+        provenance: &Provenance,
+        made: &mut Made,
+    ) -> Result<()> {
+        let beside = |name: &str| population.with_file_name(name);
+        let names = &outcome.population.species;
+        let area = self.terrain.frame.len() as f64 * self.terrain.frame.cell_area();
+        let tables = [
+            (beside("summary.csv"), summary_table(&outcome.summary, names, area)),
+            (beside("deaths.parquet"), deaths_table(&outcome.deaths, names)),
+        ];
+        for (path, table) in &tables {
+            weald_formats::write_table(path, table, provenance)?;
+            made.wrote(path)?;
+        }
+        let is_csv = |path: &&PathBuf| path.extension().is_some_and(|ending| ending == "csv");
+        for path in made.files.clone().iter().filter(is_csv) {
+            made.wrote(&path.with_extension("csv.json"))?;
+        }
+        for (name, grid) in &outcome.layers {
+            let path = beside(&format!("{name}.tif"));
+            let band = BandRef {
+                name,
+                frame: grid.frame,
+                crs: &self.terrain.crs,
+                unit: "m-2",
+                definition: "plants between sample plots",
+                values: &grid.values,
+            };
+            weald_formats::geotiff::write_band(&path, band, provenance)?;
+            made.wrote(&path)?;
+        }
+        for snapshot in &outcome.snapshots {
+            let path = numbered(population, snapshot.step);
+            weald_formats::write_population(&path, &snapshot.population, provenance)?;
+            made.wrote(&path)?;
+        }
+        Ok(())
+    }
+
+    fn write_previews(
+        &self,
+        scene: &Scene,
+        population: &Path,
+        outcome: &Outcome,
+        provenance: &Provenance,
+        made: &mut Made,
+    ) -> Result<()> {
+        let Outcome { population: plants, summary, snapshots, .. } = outcome;
+        if !snapshots.is_empty() {
+            let sheet = preview::draw_stand(summary, snapshots, &self.terrain.frame);
+            made.preview(&population.with_file_name("stand.png"), &sheet, provenance)?;
+        }
+        let colors = species_colors(scene, plants);
+        let dots = preview::draw_population(plants, Some(&self.terrain), &colors);
+        made.preview(&population.with_extension("png"), &dots, provenance)?;
+        let densities = densities(scene, &self.images);
+        if !densities.is_empty() {
+            let is_patch =
+                |name: &String| scene.species.get(name).is_some_and(|s| s.species.group.is_some());
+            let is_drawn: Vec<bool> = plants.species.iter().map(|name| !is_patch(name)).collect();
+            let ground = self.terrain.frame;
+            let dots = preview::draw_dots(plants, ground, &densities, &colors, &is_drawn);
+            made.preview(&population.with_extension("dots.png"), &dots, provenance)?;
+        }
+        Ok(())
+    }
 }
 
 /// The density images of the halftones that run, with the colours of their species.

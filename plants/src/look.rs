@@ -57,6 +57,10 @@ table! {
         /// Different twigs that all models of a species share: each is kept once, and rays find it
         /// through another placement. Each model has its own without it.
         shared_twigs: Option<u32> = None, in 1.0..=65536.0;
+        /// Different leaves, petals and blades that all models of a species share, at least one of
+        /// each make; the others are stretched from those most like them. Each model has its own
+        /// without it.
+        shared_organs: Option<u32> = None, in 1.0..=65536.0;
     }
 }
 
@@ -71,6 +75,7 @@ impl Default for Conditions {
             leaf_cards: false,
             twig_cards: false,
             shared_twigs: None,
+            shared_organs: None,
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::condense::{cells_for, condensed};
 use crate::exact;
-use crate::refine::{Partition, descend, descend_from, lloyd};
+use crate::refine::{Partition, descend, lloyd, nearest};
 use crate::samples::Samples;
 use crate::search::search;
 use crate::split::cut_tree;
@@ -96,56 +96,62 @@ impl Codebook {
         if total > 0.0 { sum / total } else { 0.0 }
     }
 
-    /// Gathers clusters of samples: numbers those in use from 0 and takes their means.
-    fn of_samples(table: &Table, samples: &Samples, labels: &[u32]) -> Self {
-        let mut of_rows = vec![0; labels.len()];
-        for (row, label) in samples.order.iter().zip(labels) {
-            of_rows[*row as usize] = *label;
-        }
-        Self::of_labels(table, &samples.order, of_rows)
-    }
-
-    /// Takes means in the order of `order`, which does not depend on the order of the rows.
-    fn of_labels(table: &Table, order: &[u32], mut labels: Vec<u32>) -> Self {
+    /// Gathers the clusters of samples: numbers those in use from 0 and takes their means in the
+    /// order of the samples, which does not depend on the order of the rows.
+    fn of_samples(table: &Table, order: &[u32], mut labels: Vec<u32>) -> Self {
         let used = number_from_zero(&mut labels);
         let columns = table.columns();
-        let (sums, weights) = weigh(table, order, &labels, used, |row| table.weights()[row]);
-        let mut centres = divide(&sums, &weights, columns);
-        if weights.contains(&0.0) {
-            let (sums, counts) = weigh(table, order, &labels, used, |_| 1.0);
-            let plain = divide(&sums, &counts, columns);
-            for (at, centre) in centres.iter_mut().enumerate() {
-                if weights[at / columns] == 0.0 {
-                    *centre = plain[at];
-                }
-            }
+        let mut of_clusters = sums(table, order, &labels, used, |row| table.weights()[row]);
+        let is_light = |sums: &[f64]| sums[columns] == 0.0;
+        if of_clusters.chunks_exact(columns + 1).any(is_light) {
+            let plain = sums(table, order, &labels, used, |_| 1.0);
+            let pairs =
+                of_clusters.chunks_exact_mut(columns + 1).zip(plain.chunks_exact(columns + 1));
+            pairs
+                .filter(|(sums, _)| is_light(sums))
+                .for_each(|(sums, plain)| sums.copy_from_slice(plain));
         }
-        Self { columns, centres, labels }
+        let mut of_rows = vec![0; labels.len()];
+        for (row, label) in order.iter().zip(labels) {
+            of_rows[*row as usize] = label;
+        }
+        Self { columns, centres: means(&of_clusters, columns), labels: of_rows }
+    }
+
+    /// [`Self::of_samples`], from a cluster for each row.
+    fn of_rows(table: &Table, order: &[u32], labels: &[u32]) -> Self {
+        Self::of_samples(table, order, order.iter().map(|row| labels[*row as usize]).collect())
     }
 }
 
-/// Weighted sums of the rows of each cluster, and the clusters' weights.
-fn weigh(
+/// For each cluster the weighted sums of its rows' numbers, then its weight.
+fn sums(
     table: &Table,
     order: &[u32],
     labels: &[u32],
     clusters: usize,
-    weight: impl Fn(usize) -> f64,
-) -> (Vec<f64>, Vec<f64>) {
+    weigh: impl Fn(usize) -> f64,
+) -> Vec<f64> {
     let columns = table.columns();
-    let mut sums = vec![0.0; clusters * columns];
-    let mut weights = vec![0.0; clusters];
-    for row in order.iter().map(|row| *row as usize) {
-        let (label, weight) = (labels[row] as usize, weight(row));
-        weights[label] += weight;
-        let sums = &mut sums[label * columns..][..columns];
-        sums.iter_mut().zip(table.row(row)).for_each(|(sum, value)| *sum += weight * value);
+    let mut sums = vec![0.0; clusters * (columns + 1)];
+    for (row, label) in order.iter().zip(labels) {
+        let weight = weigh(*row as usize);
+        let sums = &mut sums[*label as usize * (columns + 1)..][..=columns];
+        let (total, sums) = sums.split_last_mut().expect("a weight");
+        sums.iter_mut()
+            .zip(table.row(*row as usize))
+            .for_each(|(sum, value)| *sum += weight * value);
+        *total += weight;
     }
-    (sums, weights)
+    sums
 }
 
-fn divide(sums: &[f64], weights: &[f64], columns: usize) -> Vec<f64> {
-    sums.iter().enumerate().map(|(at, sum)| sum / weights[at / columns]).collect()
+fn means(sums: &[f64], columns: usize) -> Vec<f64> {
+    let of_cluster = |sums: &[f64]| {
+        let weight = sums[columns];
+        sums[..columns].iter().map(|sum| sum / weight).collect::<Vec<_>>()
+    };
+    sums.chunks_exact(columns + 1).flat_map(of_cluster).collect()
 }
 
 /// Numbers the labels in use from 0, keeping their order, and returns how many they are.
@@ -175,25 +181,30 @@ pub fn cluster(table: &Table, k: usize, mode: Mode) -> Codebook {
 /// [`cluster`], and the rows in an order that depends on their content alone: sums taken along it
 /// are those of any permutation of the table.
 pub(crate) fn cluster_in_order(table: &Table, k: usize, mode: Mode) -> (Codebook, Vec<u32>) {
+    // All of it on a thread of the pool: many short steps need not wake another for each.
+    rayon::scope(|_| clustered(table, k, mode))
+}
+
+fn clustered(table: &Table, k: usize, mode: Mode) -> (Codebook, Vec<u32>) {
     let samples = Samples::of(table);
     let exact_column = match mode {
         Mode::Exact => {
-            let labels = (0..table.len() as u32).collect();
-            return (Codebook::of_labels(table, &samples.order, labels), samples.order);
+            let labels: Vec<u32> = (0..table.len() as u32).collect();
+            return (Codebook::of_rows(table, &samples.order, &labels), samples.order);
         }
         Mode::Paper => None,
         Mode::Fast | Mode::Best => exact::column(table, k),
     };
     if let Some(column) = exact_column {
         let labels = exact::labels(table, column, k);
-        return (Codebook::of_labels(table, &samples.order, labels), samples.order);
+        return (Codebook::of_rows(table, &samples.order, &labels), samples.order);
     }
     let partition = match mode {
         Mode::Paper => split_samples(&samples, k),
         Mode::Fast => fast(&samples, k),
         Mode::Best | Mode::Exact => search(&samples, k),
     };
-    (Codebook::of_samples(table, &samples, &partition.labels), samples.order)
+    (Codebook::of_samples(table, &samples.order, partition.labels), samples.order)
 }
 
 /// Splitting alone.
@@ -210,7 +221,7 @@ fn fast(samples: &Samples, k: usize) -> Partition {
         // With fewer clusters than asked for, the cells may lack rows that the table has.
         if start.k == k {
             let centres = descend(&cells, &start, FAST_CELL_STEPS).centres;
-            return descend_from(samples, centres, 0, 0.0).partition;
+            return Partition { labels: nearest(samples, &centres), k };
         }
     }
     lloyd(samples, split_samples(samples, k), FAST_STEPS)
@@ -231,7 +242,7 @@ pub fn refine(table: &Table, codebook: &Codebook, steps: usize) -> Codebook {
     let labels = samples.order.iter().map(|row| codebook.labels[*row as usize]).collect();
     let start = Partition { labels, k: codebook.len() };
     let partition = lloyd(&samples, start, steps);
-    Codebook::of_samples(table, &samples, &partition.labels)
+    Codebook::of_samples(table, &samples.order, partition.labels)
 }
 
 /// Gains of up to `k - 1` cuts in the order in which splitting makes them: falls of the weighted

@@ -29,6 +29,11 @@ impl Draw {
         }
     }
 
+    /// Draws so far.
+    fn drawn(&self) -> u64 {
+        (self.passed + 0.5) as u64
+    }
+
     /// Passes by rows that others look at.
     pub fn skip(&mut self, rows: u64, weight: f64) {
         self.passed += self.each * rows as f64 + self.by_weight * weight;
@@ -37,10 +42,10 @@ impl Draw {
     /// What the next row, of this weight, weighs in the sample; `None` when it is not drawn.
     pub fn weight_of(&mut self, weight: f64) -> Option<f64> {
         let expected = self.each + self.by_weight * weight;
-        let before = (self.passed + 0.5).floor();
+        let before = self.drawn();
         self.passed += expected;
-        let draws = (self.passed + 0.5).floor() - before;
-        (draws > 0.0).then(|| weight * draws / expected)
+        let draws = self.drawn() - before;
+        (draws > 0).then(|| weight * draws as f64 / expected)
     }
 }
 

@@ -45,7 +45,7 @@ pub use stream::{Chunks, Streamed, Streaming, cluster_chunks};
 pub use table::{Table, TableError};
 
 /// Number of the algorithm: rises when equal input gives other bytes.
-pub const OUTPUT_VERSION: u32 = 7;
+pub const OUTPUT_VERSION: u32 = 8;
 
 weald_contract::words! {
     /// How much each plant counts when plants are grouped.

@@ -4,13 +4,16 @@
 //! not depend on the order in which a table came, a draw at equal steps is even in all directions,
 //! and a run of rows fits into a small box.
 
-use crate::samples::sort_keys;
+use crate::samples::{DIGIT_BITS, sort_keys};
 use crate::table::Table;
 use std::cmp::Ordering;
 use std::ops::Range;
 
 /// Bits of a place along the curve.
 const BITS: u32 = 32;
+
+/// Bits of a place by which all rows are sorted at first.
+const SORTED_BITS: u32 = 2 * DIGIT_BITS;
 
 /// How numbers of the columns become a place along the curve.
 pub(crate) struct Curve {
@@ -73,9 +76,12 @@ impl Curve {
     /// their weight.
     pub fn sorted_rows(&self, table: &Table) -> Vec<u32> {
         let key = |row: usize| u64::from(self.place(table.row(row))) << 32 | row as u64;
-        let mut keys = sort_keys((0..table.len()).map(key).collect());
-        for run in keys.chunk_by_mut(|a, b| a >> 32 == b >> 32).filter(|run| run.len() > 1) {
-            run.sort_by(|a, b| compare(table, *a as u32, *b as u32));
+        let mut keys = sort_keys((0..table.len()).map(key).collect(), SORTED_BITS);
+        // Few rows agree in so many bits.
+        let agree = |a: &u64, b: &u64| (a ^ b) >> (64 - SORTED_BITS) == 0;
+        for run in keys.chunk_by_mut(agree).filter(|run| run.len() > 1) {
+            let by_row = |a: &u64, b: &u64| compare(table, *a as u32, *b as u32);
+            run.sort_by(|a, b| (a >> 32).cmp(&(b >> 32)).then_with(|| by_row(a, b)));
         }
         keys.into_iter().map(|key| key as u32).collect()
     }

@@ -31,46 +31,54 @@ pub struct PartsReport {
 }
 
 /// Gives the organs of all models at most `most` shapes (at least one of each make), by replacing
-/// organs with similar ones of other models and stretching their placements.
+/// organs with similar ones of other models and stretching their placements. Organs of which
+/// `is_own` says so stay as they are, and count for nothing.
 ///
 /// Materials stay those of the model; organs whose numbers are broken stay as they are.
 ///
 /// # Errors
-/// An organ with a position that is not finite; the problem names it.
+/// An organ with a position that is not finite; the problem names it, and no model was changed.
 pub fn share_organs(
-    models: &[PlantModel],
+    models: &mut [&mut PlantModel],
     most: usize,
-) -> Result<(Vec<PlantModel>, PartsReport), Problem> {
-    let makes = makes(models);
+    is_own: impl Fn(&Organ) -> bool,
+) -> Result<PartsReport, Problem> {
+    let makes = makes(models, is_own);
     let tables = makes.iter().map(|make| shapes(models, make)).collect::<Result<Vec<_>, _>>()?;
     let all_gains: Vec<Vec<f64>> = tables.iter().map(|table| gains(table, table.len())).collect();
     let all_gains: Vec<&[f64]> = all_gains.iter().map(Vec::as_slice).collect();
     let counts = budget::share(&all_gains, most);
 
-    let mut shared = models.to_vec();
     let mut report = PartsReport::default();
     let (mut squares, mut weight) = (0.0, 0.0);
     for ((make, table), count) in makes.iter().zip(&tables).zip(counts) {
         let book = cluster(table, count, Mode::Fast);
         let chosen = book.nearest_rows(table);
+        let triangles = triangles(organ(models, make[0]));
+        let stand_ins: Vec<Organ> =
+            chosen.iter().map(|row| bare(organ(models, make[*row]))).collect();
         for (row, label) in book.labels.iter().enumerate() {
             let middle = chosen[*label as usize];
             let apart = squared(table.row(row), table.row(middle));
             (squares, weight) =
                 (squares + table.weights()[row] * apart, weight + table.weights()[row]);
             if row != middle {
-                let stand_in = organ(models, make[middle]);
-                replace(&mut shared[make[row].model].organs[make[row].organ], stand_in);
+                let At { model, organ } = make[row];
+                replace(&mut models[model].organs[organ], &stand_ins[*label as usize]);
             }
         }
-        let triangles = triangles(organ(models, make[0]));
         report.organs += make.len() as u64;
         report.shared += chosen.len() as u64;
         report.triangles += triangles * make.len() as u64;
         report.shared_triangles += triangles * chosen.len() as u64;
     }
     report.distortion = if weight > 0.0 { squares / weight } else { 0.0 };
-    Ok((shared, report))
+    Ok(report)
+}
+
+/// An organ that stands nowhere.
+fn bare(organ: &Organ) -> Organ {
+    Organ { name: organ.name.clone(), meshes: organ.meshes.clone(), ..Organ::default() }
 }
 
 /// An organ of a model, by their numbers.
@@ -80,7 +88,7 @@ struct At {
     organ: usize,
 }
 
-fn organ(models: &[PlantModel], at: At) -> &Organ {
+fn organ<'a>(models: &'a [&mut PlantModel], at: At) -> &'a Organ {
     &models[at.model].organs[at.organ]
 }
 
@@ -89,11 +97,12 @@ fn triangles(organ: &Organ) -> u64 {
 }
 
 /// Organs of equal make: the same name, number of vertices and triangles in every mesh.
-fn makes(models: &[PlantModel]) -> Vec<Vec<At>> {
+fn makes(models: &[&mut PlantModel], is_own: impl Fn(&Organ) -> bool) -> Vec<Vec<At>> {
     type Make<'a> = (&'a str, Vec<(usize, usize, usize, &'a [[u32; 3]])>);
     let mut makes: BTreeMap<Make<'_>, Vec<At>> = BTreeMap::new();
     for (model, plant) in models.iter().enumerate() {
-        for (number, organ) in plant.organs.iter().enumerate() {
+        let organs = plant.organs.iter().enumerate().filter(|(_, organ)| !is_own(organ));
+        for (number, organ) in organs {
             let of_mesh =
                 |mesh: &'_ Mesh| (mesh.positions.len(), mesh.normals.len(), mesh.uvs.len());
             let meshes = organ.meshes.iter().map(|mesh| {
@@ -118,7 +127,7 @@ fn widths(organ: &Organ) -> [f32; 3] {
 
 /// The vertices of organs of one make, each organ stretched to reach 1 along every axis; weighted
 /// by how much of the plants they are: places times triangles.
-fn shapes(models: &[PlantModel], make: &[At]) -> Result<Table, Problem> {
+fn shapes(models: &[&mut PlantModel], make: &[At]) -> Result<Table, Problem> {
     let mut values = Vec::new();
     let mut weights = Vec::new();
     for at in make {
@@ -176,6 +185,15 @@ mod tests {
         PlantModel { organs: vec![organ], ..PlantModel::default() }
     }
 
+    fn with_shared(
+        models: &[PlantModel],
+        most: usize,
+    ) -> Result<(Vec<PlantModel>, PartsReport), Problem> {
+        let mut copies = models.to_vec();
+        let report = share_organs(&mut copies.iter_mut().collect::<Vec<_>>(), most, |_| false)?;
+        Ok((copies, report))
+    }
+
     /// Corners of an organ at its first place.
     fn corners(model: &PlantModel) -> Vec<[f32; 3]> {
         let organ = &model.organs[0];
@@ -187,7 +205,7 @@ mod tests {
     #[test]
     fn leaves_that_differ_in_size_alone_become_one_and_keep_their_size() {
         let models = [model(1.0, 2.0, 0.25, 3), model(0.5, 3.0, 0.25, 5), model(2.0, 2.0, 0.25, 1)];
-        let (shared, report) = share_organs(&models, 1).unwrap();
+        let (shared, report) = with_shared(&models, 1).unwrap();
         assert_eq!((report.organs, report.shared, report.shared_triangles), (3, 1, 1));
         assert!(report.distortion < 1e-12);
         for (before, after) in models.iter().zip(&shared) {
@@ -202,12 +220,12 @@ mod tests {
     fn shapes_that_differ_most_stay_apart() {
         let bends = [0.0, 0.05, 0.9, 0.95];
         let models = bends.map(|bend| model(1.0, 1.0, bend, 1));
-        let (shared, report) = share_organs(&models, 2).unwrap();
+        let (shared, report) = with_shared(&models, 2).unwrap();
         assert_eq!(report.shared, 2);
         let mesh = |index: usize| &shared[index].organs[0].meshes;
         assert!(mesh(0) == mesh(1) && mesh(2) == mesh(3) && mesh(1) != mesh(2));
         // As many as there are leave everything as it is.
-        let (same, none) = share_organs(&models, 100).unwrap();
+        let (same, none) = with_shared(&models, 100).unwrap();
         assert_eq!((same.as_slice(), none.distortion), (models.as_slice(), 0.0));
     }
 
@@ -216,10 +234,23 @@ mod tests {
         let mut flower = model(1.0, 1.0, 0.0, 2);
         flower.organs[0].name = "petal".into();
         let models = [model(1.0, 1.0, 0.0, 2), flower, PlantModel::default()];
-        let (shared, report) = share_organs(&models, 1).unwrap();
+        let (shared, report) = with_shared(&models, 1).unwrap();
         assert_eq!((shared.as_slice(), report.shared), (models.as_slice(), 2));
         let broken = [model(f32::NAN, 1.0, f32::NAN, 1)];
-        assert!(share_organs(&broken, 1).unwrap_err().message.contains("leaf"));
-        assert_eq!(share_organs(&[], 4).unwrap().1, PartsReport::default());
+        assert!(with_shared(&broken, 1).unwrap_err().message.contains("leaf"));
+        assert_eq!(with_shared(&[], 4).unwrap().1, PartsReport::default());
+    }
+
+    #[test]
+    fn organs_that_are_to_stay_stay_and_count_for_nothing() {
+        let mut models =
+            [model(1.0, 1.0, 0.0, 2), model(1.0, 1.0, 0.5, 2), model(1.0, 1.0, 0.9, 2)];
+        models[2].organs[0].name = "twig-1".into();
+        let before = models.clone();
+        let mut all: Vec<&mut PlantModel> = models.iter_mut().collect();
+        let report = share_organs(&mut all, 1, |organ| organ.name == "twig-1").unwrap();
+        assert_eq!((report.organs, report.shared), (2, 1));
+        assert_eq!(models[2], before[2]);
+        assert_eq!(models[0].organs[0].meshes, models[1].organs[0].meshes);
     }
 }

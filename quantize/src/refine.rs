@@ -144,7 +144,19 @@ pub(crate) fn means(samples: &Samples, partition: &Partition) -> Vec<f32> {
     centres
 }
 
-/// Gives every sample to its nearest centre.
+/// The nearest centre of every sample.
+pub(crate) fn nearest(samples: &Samples, centres: &[f32]) -> Vec<u32> {
+    let dims = samples.dims;
+    let centres = Centres::of(centres, dims);
+    let mut labels = vec![0; samples.len()];
+    let chunks = labels.par_chunks_mut(CHUNK).zip(samples.rows.par_chunks(CHUNK * dims));
+    chunks.for_each(|(labels, rows)| {
+        centres.nearest_of_rows(rows, |offset, near| labels[offset] = near.label);
+    });
+    labels
+}
+
+/// Gives every sample to its nearest centre, and sums up those of each.
 fn assign(samples: &Samples, centres: &[f32], k: usize) -> (Vec<u32>, Sums) {
     let dims = samples.dims;
     let centres = Centres::of(centres, dims);

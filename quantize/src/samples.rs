@@ -93,23 +93,25 @@ pub(crate) fn of_key(key: u64) -> (f32, u32) {
     (f32::from_bits(bits), key as u32)
 }
 
-/// Bits of a key that one pass of [`sort_keys`] looks at: three passes cover the number, and
-/// the counts of a pass fit into the first-level cache.
-const DIGIT_BITS: u32 = 11;
+/// Bits of a key that one pass of [`sort_keys`] looks at: three passes cover a number, and the
+/// counts of a pass fit into the first-level cache.
+pub(crate) const DIGIT_BITS: u32 = 11;
 
-/// Sorts keys whose samples rise.
+/// Bits of a key that its number takes.
+pub(crate) const NUMBER_BITS: u32 = 32;
+
+/// Sorts keys by at least so many of their highest bits; those of equal bits stay in their order.
 ///
-/// Radix sort from the lowest digit of the number up; it is stable, so samples of equal numbers
-/// keep rising.
-pub(crate) fn sort_keys(mut keys: Vec<u64>) -> Vec<u64> {
+/// Radix sort from the lowest digit up.
+pub(crate) fn sort_keys(mut keys: Vec<u64>, bits: u32) -> Vec<u64> {
     if keys.len() < 1 << DIGIT_BITS {
-        keys.sort_unstable();
+        keys.sort_by_key(|key| key >> (64 - bits));
         return keys;
     }
     let mut sorted = vec![0; keys.len()];
-    for shift in (32..64).step_by(DIGIT_BITS as usize) {
+    for shift in (64 - bits..64).step_by(DIGIT_BITS as usize) {
         let digit = |key: u64| (key >> shift) as usize & ((1 << DIGIT_BITS) - 1);
-        let mut next = vec![0usize; 1 << DIGIT_BITS];
+        let mut next = vec![0u32; 1 << DIGIT_BITS];
         keys.iter().for_each(|key| next[digit(*key)] += 1);
         let mut start = 0;
         for place in &mut next {
@@ -117,7 +119,7 @@ pub(crate) fn sort_keys(mut keys: Vec<u64>) -> Vec<u64> {
         }
         for key in &keys {
             let place = &mut next[digit(*key)];
-            sorted[*place] = *key;
+            sorted[*place as usize] = *key;
             *place += 1;
         }
         std::mem::swap(&mut keys, &mut sorted);
@@ -132,13 +134,7 @@ fn scale(value: f64, middle: f64, half_range: f64) -> f32 {
 
 /// Columns with more than one value, and half the width of the widest.
 fn varying_columns(table: &Table) -> (Vec<Column>, f64) {
-    let empty = vec![[f64::INFINITY, f64::NEG_INFINITY]; table.columns()];
-    let ranges = (0..table.len()).fold(empty, |mut ranges, row| {
-        for (range, value) in ranges.iter_mut().zip(table.row(row)) {
-            *range = [range[0].min(*value), range[1].max(*value)];
-        }
-        ranges
-    });
+    let ranges = ranges(table);
     // Halve before subtracting: the difference of two large numbers may overflow.
     let half = |range: &[f64; 2]| range[1] / 2.0 - range[0] / 2.0;
     let half_range = ranges.iter().map(half).fold(0.0, f64::max);
@@ -148,6 +144,19 @@ fn varying_columns(table: &Table) -> (Vec<Column>, f64) {
         (low < high).then_some(Column { index, middle, range: range[0]..range[1] })
     });
     (columns.collect(), half_range)
+}
+
+/// The least and the largest number of each column.
+fn ranges(table: &Table) -> Vec<[f64; 2]> {
+    let columns = table.columns();
+    let (mut low, mut high) = (vec![f64::INFINITY; columns], vec![f64::NEG_INFINITY; columns]);
+    for row in 0..table.len() {
+        for ((low, high), value) in low.iter_mut().zip(&mut high).zip(table.row(row)) {
+            *low = if *value < *low { *value } else { *low };
+            *high = if *value > *high { *value } else { *high };
+        }
+    }
+    low.into_iter().zip(high).map(|(low, high)| [low, high]).collect()
 }
 
 #[cfg(test)]
@@ -170,7 +179,7 @@ mod tests {
             let mut expected = keys.clone();
             expected.sort_unstable();
             assert!(keys.iter().enumerate().all(|(i, key)| of_key(*key).1 == i as u32));
-            assert_eq!(sort_keys(keys), expected);
+            assert_eq!(sort_keys(keys, NUMBER_BITS), expected);
         }
         assert_eq!(of_key(key(-0.75, 9)), (-0.75, 9));
     }

@@ -9,7 +9,7 @@
 //! [Shafer96], so every list of every cluster stays sorted, and a cut is found by one pass of
 //! prefix sums: O(n d log n) once and O(n d) for each level of the tree.
 
-use crate::samples::{Samples, key, of_key, sort_keys};
+use crate::samples::{NUMBER_BITS, Samples, key, of_key, sort_keys};
 use rayon::prelude::*;
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -101,7 +101,7 @@ impl Axis {
 /// Entries of some samples, given by rising number, sorted along one axis.
 fn sorted_entries(samples: &Samples, dim: usize, members: impl Iterator<Item = u32>) -> Vec<Entry> {
     let value = |sample: u32| samples.rows[sample as usize * samples.dims + dim];
-    let keys = sort_keys(members.map(|sample| key(value(sample), sample)).collect());
+    let keys = sort_keys(members.map(|sample| key(value(sample), sample)).collect(), NUMBER_BITS);
     let entry = |key: u64| {
         let (value, sample) = of_key(key);
         Entry { value, weight: samples.weights[sample as usize], sample }

@@ -363,6 +363,10 @@ pub struct Plants {
     /// For a palette: so many different twigs a species, each kept once and shared by its models.
     #[arg(long, value_name = "NUMBER", conflicts_with = "twig_cards", value_parser = clap::value_parser!(u32).range(1..=65_536))]
     pub shared_twigs: Option<u32>,
+    /// For a palette: so many different leaves, petals and blades a species, shared by its models
+    /// and stretched to each one's size.
+    #[arg(long, value_name = "NUMBER", value_parser = clap::value_parser!(u32).range(1..=65_536))]
+    pub shared_organs: Option<u32>,
     /// Draw the branches as black cones on white instead of a portrait.
     #[arg(long)]
     pub schematic: bool,

@@ -375,6 +375,7 @@ fn conditions_of(arguments: &args::Plants) -> specimen::Conditions {
         leaf_cards: arguments.leaf_cards,
         twig_cards: arguments.twig_cards,
         shared_twigs: arguments.shared_twigs,
+        shared_organs: arguments.shared_organs,
     }
 }
 

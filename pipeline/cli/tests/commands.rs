@@ -372,25 +372,63 @@ fn more_memory_holds_more_models_and_too_little_is_told() {
     assert!(refused.err.contains("memory_gb") && !tiny.path("none").exists(), "{}", refused.err);
 }
 
-#[test]
-fn models_share_twigs_where_they_are_asked_to() {
+/// Grows the models of a palette, and tells what instancing of them saves.
+fn instancing(tiny: &Tiny, folder: &str, more: &str) -> serde_json::Value {
+    let command = format!("plants out/palette.toml -o {folder} --json {more}");
+    let report: serde_json::Value = serde_json::from_str(&tiny.done(&command).out).expect("JSON");
+    report["report"]["instancing"].clone()
+}
+
+/// A tiny scene with a palette of three models.
+fn tiny_palette() -> Tiny {
     let tiny = Tiny::new();
     tiny.done("terrain scene -o terrain");
     tiny.done("ecosim scene --terrain terrain -o plants.parquet");
     tiny.done("quantize plants.parquet --scene scene -k 3 -o out");
+    tiny
+}
+
+#[test]
+fn models_share_leaves_where_they_are_asked_to() {
+    let tiny = Tiny::new();
+    let plant = |id: u32| {
+        format!(
+            "[[representative]]\nid = {id}\nspecies = \"ragwort\"\nage = {id}.5\nvigor = 0.{id}\n\
+             height = 0.{id}\nradius = 0.1\nweight = 1.0\ncount = 1\n"
+        )
+    };
+    tiny.write("palette.toml", &(1..5).map(plant).collect::<String>());
     let report = |folder: &str, more: &str| -> serde_json::Value {
-        let command = format!("plants out/palette.toml -o {folder} --json {more}");
+        let command = format!("plants palette.toml -o {folder} --json {more}");
         let report: serde_json::Value =
             serde_json::from_str(&tiny.done(&command).out).expect("JSON");
-        report["report"]["instancing"].clone()
+        report["report"].clone()
     };
     let own = report("own", "");
-    let shared = report("shared", "--shared-twigs 4 --threads 1");
+    let shared = report("shared", "--shared-organs 1 --threads 1");
+    let organs = &shared["organs"]["ragwort"];
+    // One of each make: a leaf, a ray and a disk.
+    assert!(organs["organs"].as_u64() > Some(8) && organs["shared"] == 3, "{organs}");
+    assert_eq!(own["instanced_triangles"], shared["instanced_triangles"], "as much is seen");
+    assert!(own["organs"].is_null());
+    report("again", "--shared-organs 1 --threads 2");
+    for model in ["0001.glb", "0002.glb", "0003.glb", "0004.glb"] {
+        let bytes = |folder: &str| std::fs::read(tiny.path(folder).join(model)).expect("a model");
+        assert_eq!(bytes("shared"), bytes("again"));
+    }
+    assert_eq!(tiny.weald("plants palette.toml --shared-organs 0 -o none").code, 2);
+}
+
+#[test]
+fn models_share_twigs_where_they_are_asked_to() {
+    let tiny = tiny_palette();
+    let own = instancing(&tiny, "own", "");
+    let shared = instancing(&tiny, "shared", "--shared-twigs 4 --threads 1");
     assert_eq!(own["twigs"]["prototypes"], 0);
     assert_eq!(shared["twigs"]["prototypes"], 4, "{shared}");
     let bytes = |levels: &serde_json::Value| levels["bytes"].as_f64().expect("a number");
     assert!(bytes(&shared) < bytes(&own));
-    report("again", "--shared-twigs 4 --threads 2");
+    instancing(&tiny, "again", "--shared-twigs 4 --threads 2");
     let bytes = |path: &str| std::fs::read(tiny.path(path)).expect("a model");
     assert_eq!(bytes("shared/0001.glb"), bytes("again/0001.glb"));
     let both = "\n[plants]\nshared_twigs = 4\ntwig_cards = true\n";

@@ -7,6 +7,7 @@
 mod ecosim;
 mod levels;
 mod memory;
+mod organs;
 mod plants;
 mod quantize;
 mod render;

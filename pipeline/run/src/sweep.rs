@@ -184,7 +184,9 @@ impl Work<'_> {
         let bytes =
             unique * TRIANGLE_BYTES + (organ_count + instances.len() as u64) * INSTANCE_BYTES;
         let bytes_without = instanced * TRIANGLE_BYTES;
-        let (_, parts) = weald_quantize::share_organs(models, asked as usize)
+        let mut copies = models.to_vec();
+        let mut copies: Vec<&mut PlantModel> = copies.iter_mut().collect();
+        let parts = weald_quantize::share_organs(&mut copies, asked as usize, |_| false)
             .map_err(|problem| Error::wrong(&Sources::default(), problem))?;
         let report = &quantized.report;
         let (likeness, individuals) = self.appearance(quantized, models, progress)?;

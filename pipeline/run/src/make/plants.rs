@@ -1,7 +1,7 @@
 //! Plants: a model for every representative of a palette.
 
 use super::twigs::SharedTwigs;
-use super::{Made, make_folder, parent, stage_seed};
+use super::{Made, make_folder, organs, parent, stage_seed};
 use crate::error::{Error, Result};
 use crate::instancing::Instancing;
 use crate::parameters::canonical;
@@ -83,52 +83,84 @@ impl<'a> Growing<'a> {
         make_folder(folder)?;
         let representatives = &palette.representatives;
         let twigs = SharedTwigs::of(self, &palette, progress)?;
-        progress.begin("growing plants", representatives.len() as u64, "plants");
-        let grown: Vec<(String, PlantModel)> = representatives
-            .par_iter()
-            .map(|plant| {
-                if progress.is_cancelled() {
-                    return Err(Error::Stopped { saved: false });
-                }
-                let model = self.grow(plant, &twigs)?;
-                // A model's story is its own: other species of the scene do not change its bytes.
-                let mut story = plant_provenance(&provenance, plant);
-                if let Some(count) = self.conditions.shared_twigs {
-                    story.parameters["shared_twigs"] = json!(count);
-                }
-                let path = folder.join(plant_file(plant.id, 0));
-                weald_formats::write_plant(&path, &model, &story)?;
-                self.write_levels(plant, folder, &story)?;
-                progress.advance(1);
-                Ok((caption(plant), model))
-            })
-            .collect::<Result<_>>()?;
+        let mut models = self.grow_all(representatives, &twigs, progress)?;
+        let organs = organs::share(self, representatives, &mut models)?;
+        progress.begin("writing models", representatives.len() as u64, "plants");
+        representatives.par_iter().zip(&models).try_for_each(|(plant, model)| {
+            self.write(plant, model, folder, &provenance)?;
+            progress.advance(1);
+            Ok::<(), Error>(())
+        })?;
 
         let files = representatives.iter().flat_map(|plant| {
             let levels = 0..=self.levels_of(plant).len() as u32;
             levels.map(|level| folder.join(plant_file(plant.id, level)))
         });
         let files = files.collect();
-        let unique: u64 = grown.iter().map(|(_, model)| model.unique_triangles()).sum();
-        let instanced: u64 = grown.iter().map(|(_, model)| model.instanced_triangles()).sum();
+        let unique: u64 = models.iter().map(PlantModel::unique_triangles).sum();
+        let instanced: u64 = models.iter().map(PlantModel::instanced_triangles).sum();
         let mut report = json!({
-            "models": grown.len(), "triangles": unique, "instanced_triangles": instanced,
+            "models": models.len(), "triangles": unique, "instanced_triangles": instanced,
         });
         if self.conditions.shared_twigs.is_some() {
             report["twigs"] = json!(twigs.reports());
         }
+        if self.conditions.shared_organs.is_some() {
+            report["organs"] = json!(organs);
+        }
         let mut words = String::new();
         if let Some(instances) = beside(palette_file)? {
-            let models: Vec<&PlantModel> = grown.iter().map(|(_, model)| model).collect();
+            let models: Vec<&PlantModel> = models.iter().collect();
             let instancing = Instancing::of(&palette, &instances, &models);
             words = instancing.to_string();
             report["instancing"] = json!(instancing);
         }
         let mut made = Made { files, report, words };
-        let sheet: Vec<_> = grown.iter().map(|(name, model)| (name.clone(), model)).collect();
+        let sheet: Vec<_> = representatives.iter().map(caption).zip(&models).collect();
         let sheet = preview::contact_sheet(&sheet, SHEET_CELL);
         made.preview(&folder.with_extension("png"), &sheet, &provenance)?;
         Ok(made)
+    }
+
+    fn grow_all(
+        &self,
+        representatives: &[Representative],
+        twigs: &SharedTwigs,
+        progress: &dyn Progress,
+    ) -> Result<Vec<PlantModel>> {
+        progress.begin("growing plants", representatives.len() as u64, "plants");
+        let grown = representatives.par_iter().map(|plant| {
+            if progress.is_cancelled() {
+                return Err(Error::Stopped { saved: false });
+            }
+            let model = self.grow(plant, twigs)?;
+            progress.advance(1);
+            Ok(model)
+        });
+        grown.collect()
+    }
+
+    /// Writes a model and its coarser levels.
+    fn write(
+        &self,
+        plant: &Representative,
+        model: &PlantModel,
+        folder: &Path,
+        stage: &Provenance,
+    ) -> Result<()> {
+        // A model's story is its own: other species of the scene do not change its bytes.
+        let mut story = plant_provenance(stage, plant);
+        let shared = [
+            ("shared_twigs", self.conditions.shared_twigs),
+            ("shared_organs", self.conditions.shared_organs),
+        ];
+        for (name, count) in shared {
+            if let Some(count) = count {
+                story.parameters[name] = json!(count);
+            }
+        }
+        weald_formats::write_plant(&folder.join(plant_file(plant.id, 0)), model, &story)?;
+        self.write_levels(plant, folder, &story)
     }
 
     /// Sizes of a pixel for which a representative has models besides the full one, m.

@@ -14,6 +14,7 @@ pub mod frame;
 pub mod fruit;
 pub mod grass;
 pub mod herb;
+pub mod irregular;
 pub mod look;
 pub mod lsystem;
 pub mod material;
@@ -36,6 +37,7 @@ pub mod wind;
 
 pub use grass::Grass;
 pub use herb::Herb;
+pub use irregular::Irregular;
 pub use look::{Conditions, Look};
 pub use lsystem::Lsystem;
 pub use model_file::ModelFile;
@@ -72,6 +74,8 @@ choice! {
         "model" => Model(ModelFile),
         /// A tree whose buds compete for light or space.
         "self_organizing" => SelfOrganizing(SelfOrganizing),
+        /// A tree of least-cost paths through random graphs.
+        "irregular" => Irregular(Irregular),
     }
 }
 
@@ -148,6 +152,7 @@ impl Form {
             Self::Semantic(form) => form.check(),
             Self::Model(_) => Problems::new(),
             Self::SelfOrganizing(form) => form.check(),
+            Self::Irregular(form) => form.check(),
         }
     }
 
@@ -166,6 +171,7 @@ impl Form {
                 Err(Problem::at(form.file.span, what).hint("it can be scaled, but not grown"))
             }
             Self::SelfOrganizing(form) => form.grow(age, stature, seed),
+            Self::Irregular(form) => form.grow(stature, seed),
         }
     }
 }

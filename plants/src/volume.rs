@@ -199,6 +199,15 @@ impl Sector {
         if self.half_angle_deg >= 180.0 { ball } else { ball.max(across * cos - along * sin) }
     }
 
+    fn contains(&self, p: Vec3) -> bool {
+        let q = p - v(self.center);
+        let square = q.length_squared();
+        square <= self.radius * self.radius
+            && (self.half_angle_deg >= 180.0
+                || q.dot(self.axis())
+                    >= libm::cosf(self.half_angle_deg.to_radians()) * square.sqrt())
+    }
+
     /// A point drawn evenly from the sector.
     pub fn sample(&self, stream: &mut Stream) -> Vec3 {
         let least = libm::cosf(self.half_angle_deg.to_radians());
@@ -311,7 +320,11 @@ impl Solid {
 
     /// Whether a point lies inside or on the surface.
     pub fn contains(&self, p: Vec3) -> bool {
-        self.distance(p) <= 0.0
+        match self {
+            Self::Ball(ball) => p.distance_squared(v(ball.center)) <= ball.radius * ball.radius,
+            Self::Sector(sector) => sector.contains(p),
+            _ => self.distance(p) <= 0.0,
+        }
     }
 
     /// A box around the solid.
@@ -411,6 +424,23 @@ mod tests {
         ] {
             let found = volume(&[solid(text)], 200_000, &mut Seed(3).stream("v", 0));
             assert!((found / wanted - 1.0).abs() < 0.02, "{text}: {found} for {wanted}");
+        }
+    }
+
+    #[test]
+    fn what_a_solid_contains_is_at_no_distance_from_it() {
+        for text in [
+            "shape = 'ball'\nradius = 2",
+            "shape = 'sector'\nradius = 2\nhalf_angle_deg = 50\naxis = [1, 2, 0]",
+            "shape = 'sector'\nradius = 2\nhalf_angle_deg = 140",
+            "shape = 'sector'\nradius = 2\nhalf_angle_deg = 180",
+        ] {
+            let (solid, mut stream) = (solid(text), Seed(4).stream("c", 0));
+            for _ in 0..5_000 {
+                let p = solid.bounds().sample(&mut stream);
+                let distance = solid.distance(p);
+                assert!(distance.abs() < 1e-5 || solid.contains(p) == (distance < 0.0), "{text}");
+            }
         }
     }
 

@@ -1,8 +1,10 @@
-//! Plants: trees that organize themselves, at sizes up to those of the papers.
+//! Plants: trees that organize themselves, and trees of least-cost paths, at sizes up to those of
+//! the papers.
 
 use super::{Figure, Size, best, table, wrong};
 use crate::error::Result;
 use weald_contract::Seed;
+use weald_plants::irregular::Irregular;
 use weald_plants::self_organizing::{Garden, SelfOrganizing};
 
 /// Times of growing trees. The largest take seconds each, so they run once.
@@ -17,7 +19,55 @@ pub(super) fn figures(size: &Size, quick: bool) -> Result<Vec<Figure>> {
     for &count in counts {
         figures.push(markers(&once, count)?);
     }
+    // Nodes and endpoints of the largest tree of Xu and Mould, and less, then of their others.
+    let graphs: &[(u32, u32)] = if quick {
+        &[(20_000, 2_000)]
+    } else {
+        &[(43_976, 4_342), (87_952, 8_685), (175_905, 17_370), (351_810, 34_740)]
+    };
+    for &(nodes, endpoints) in graphs {
+        figures.push(one_graph(size, nodes, endpoints)?);
+    }
+    let levels: &[(u32, u32, u32)] =
+        if quick { &[(10, 4, 60)] } else { &[(12, 6, 249), (30, 6, 244), (111, 6, 73)] };
+    for &(first, further, nodes) in levels {
+        figures.push(many_graphs(size, first, further, nodes)?);
+    }
     Ok(figures)
+}
+
+/// A trunk under half a ball, as the papers begin.
+const MUSHROOM: &str = "
+    trunk = [{ shape = 'cylinder', to = [0, 0, 4], radius = 0.5 }]
+    crown = [{ shape = 'sector', center = [0, 0, 4], radius = 4, half_angle_deg = 90 }]
+";
+
+/// Paths through one graph.
+fn one_graph(size: &Size, nodes: u32, endpoints: u32) -> Result<Figure> {
+    let text = format!("{MUSHROOM}nodes = {nodes}\nbranches = {endpoints}");
+    paths("irregular, one graph", size, &text)
+}
+
+/// A tree of three further levels, each endpoint with a graph of its own.
+fn many_graphs(size: &Size, first: u32, further: u32, nodes: u32) -> Result<Figure> {
+    let level = format!("branches = {further}\nrepeat = 3\nnodes = {nodes}");
+    let text = format!("{MUSHROOM}nodes = 6000\nbranches = {first}\n[[level]]\n{level}");
+    paths("irregular, many graphs", size, &text)
+}
+
+fn paths(name: &'static str, size: &Size, text: &str) -> Result<Figure> {
+    let form: Irregular = table(text)?;
+    let (time, tree) = best(size, || form.tree(1.0, Seed(1)).map_err(wrong))?;
+    let report = &tree.report;
+    let endpoints = report.endpoints_in_all();
+    let input = format!(
+        "{} nodes and {endpoints} endpoints in {} graphs, {} edges, {}",
+        report.nodes,
+        report.graphs,
+        report.edges,
+        crate::check::bytes_in_words(report.bytes as u64)
+    );
+    Ok(Figure::time(name, time, input).with(endpoints as f64))
 }
 
 /// A tree in the light, grown until it has so many metamers.

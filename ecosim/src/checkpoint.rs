@@ -12,13 +12,15 @@ use crate::self_thinning::Partway;
 use crate::simulate::Life;
 use crate::stand::{Belongings, Stand, fault};
 use crate::steps::Site;
-use crate::{Cause, Death, Error, PlotFit, Snapshot, SummaryRow, Surroundings, Unplaced};
+use crate::{
+    Cause, Death, Error, Inequality, PlotFit, Snapshot, SummaryRow, Surroundings, Unplaced,
+};
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 use weald_contract::{Crs, Frame, Grid, Plant, Population, State};
 
 /// Version of the bytes of a checkpoint.
-pub const CHECKPOINT_VERSION: u32 = 1;
+pub const CHECKPOINT_VERSION: u32 = 2;
 
 /// Latest year that a checkpoint may tell of: far beyond any scene, and far from overflow.
 const LATEST: u32 = 1 << 30;
@@ -267,8 +269,9 @@ records! {
     DormantSeed { id: u64, species: u16, x: f64, y: f64 }
     SummaryRow {
         step: u32, species: u16, alive: u64, births: u64, dominated: u64, old: u64,
-        mean_radius: f32, cover: f32, seeds: u64,
+        mean_radius: f32, cover: f32, seeds: u64, sizes: Inequality,
     }
+    Inequality { gini: f32, variation: f32 }
     Death { id: u64, species: u16, step: u32, cause: Cause, killer: Option<u64> }
     Snapshot { step: u32, population: Population }
     Unplaced { species: u16, wanted: u64, unplaced: u64 }

@@ -236,6 +236,9 @@ table! {
         order: Order = Order::Sync;
         /// What lies beyond the rim of the terrain.
         edge: Edge = Edge::Open;
+        /// Years whose plants are kept in a table each, with the state in which they then stand; 0 is
+        /// the start.
+        keep: Vec<Written<u32>> = Vec::new();
     }
 }
 
@@ -628,6 +631,7 @@ impl Simulate {
                 problems.push(Problem::at(name.span, message).hint(hint));
             }
         }
+        check_kept(&self.keep, self.years.value, "year", problems);
         if !layers.contains(&"soil_moisture") {
             let message = "the terrain has no layer `soil_moisture`, from which vigor follows";
             problems.push(Problem::at(self.years.span, message));
@@ -656,6 +660,15 @@ impl Place {
             let problem = Problem::at(species.span, "this species is placed nowhere");
             problems.push(problem.hint("add `at = [[x, y], …]` or `dots`, an image"));
         }
+    }
+}
+
+/// Complains of steps or years to be kept that a simulation does not reach.
+pub(crate) fn check_kept(kept: &[Written<u32>], last: u32, unit: &str, problems: &mut Problems) {
+    for step in kept.iter().filter(|step| step.value > last) {
+        let message = format!("{unit} {} is never reached", step.value);
+        let hint = format!("the simulation ends with {unit} {last}");
+        problems.push(Problem::at(step.span, message).hint(hint));
     }
 }
 

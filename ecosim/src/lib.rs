@@ -27,6 +27,7 @@ mod ground;
 mod growth;
 mod halftone;
 mod ids;
+mod inequality;
 mod levels;
 mod mass;
 mod neighbors;
@@ -57,6 +58,7 @@ pub use curve::{Part, systematic};
 pub use dispersal::{ExponentialPower, Gaussian, Kernel, Lognormal, TwoDt, Uniform, Wald, Wind};
 pub use dither::dither;
 pub use growth::{Growth, Law};
+pub use inequality::Inequality;
 pub use power::polish;
 pub use relax::{Relaxation, relax};
 pub use seeds::{DormantSeed, Mast};
@@ -68,7 +70,7 @@ use std::collections::BTreeMap;
 use weald_contract::{Grid, Image, Layers, Population, Problem, Species, View};
 
 /// Version of what this crate computes; it changes whenever equal inputs give other plants.
-pub const OUTPUT_VERSION: u32 = 4;
+pub const OUTPUT_VERSION: u32 = 5;
 
 /// Why no population was made.
 #[derive(Debug, thiserror::Error)]
@@ -183,6 +185,8 @@ pub struct SummaryRow {
     pub cover: f32,
     /// Seeds that lie in the ground at the end of the year.
     pub seeds: u64,
+    /// How unequal the crown areas of those alive are.
+    pub sizes: Inequality,
 }
 
 /// The end of one plant.

@@ -11,6 +11,7 @@ mod step;
 pub use step::SelfThinning;
 pub(crate) use step::{Partway, run};
 
+use crate::Inequality;
 use crate::config::{Edge, Order};
 use crate::growth::Growth;
 use crate::levels::{Field, Levels, Site};
@@ -186,6 +187,15 @@ impl Thinning {
         self.states = states;
     }
 
+    /// Returns how unequal those plants are that will live on: between [`Thinning::look`] and
+    /// [`Thinning::advance`], the plants that [`Thinning::tally`] tells of afterwards.
+    pub fn inequality(&self) -> Inequality {
+        let lives = |index: usize| self.states.get(index).is_none_or(|state| *state == FREE);
+        let sites = self.levels.sites.par_iter().enumerate().with_min_len(RUN);
+        let radius = |(index, site): (usize, &Site)| lives(index).then_some(site.radius);
+        Inequality::of_circles(sites.filter_map(radius).collect())
+    }
+
     /// Returns the plants with their states, by id. Before [`Thinning::look`] all are free.
     pub fn stems(&self) -> Vec<(Stem, State)> {
         let field = self.levels.field();
@@ -235,7 +245,8 @@ impl Thinning {
     }
 
     /// Returns bytes held for each of `plants` while one step is made, at most: the plant, its
-    /// state, its share of the grid, and a second copy while the grid is made.
+    /// state, its share of the grid, and a second copy while the grid is made. Its radius among those
+    /// that [`Thinning::inequality`] measures is gone by then.
     pub const BYTES_A_PLANT: usize = 2 * size_of::<Site>() + 1 + 2 * size_of::<u32>();
 }
 

@@ -20,7 +20,7 @@ pub(crate) use life::Life;
 pub(crate) use run::run;
 
 use crate::competition::{Circle, Plain, dominators};
-use crate::config::{Edge, Simulate};
+use crate::config::{Edge, Order, Simulate};
 use crate::field::BoundFormula;
 use crate::ground::Ground;
 use crate::ids::{IdSource, Tags};
@@ -28,7 +28,7 @@ use crate::seeds::{self, DormantSeed};
 use crate::species::Ecology;
 use crate::stand::{Kind, Stand};
 use crate::steps::Site;
-use crate::{Cause, Death, Error, Surroundings};
+use crate::{Cause, Death, Error, Inequality, Surroundings};
 use life::Grower;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -98,6 +98,8 @@ pub struct Year {
     pub area_sum: f64,
     /// Seeds that lie in the ground at the end.
     pub seeds: u64,
+    /// How unequal the areas of their circles are.
+    pub sizes: Inequality,
 }
 
 /// A simulation that can be stepped year by year.
@@ -427,12 +429,7 @@ impl<'a> Simulation<'a> {
             let survival = participants[usize::from(plant.who)].kind.ecology.survival;
             luck.stream("", plant.id).unit() < f64::from(survival)
         };
-        let frame = self.ground.frame();
-        let plain = match self.rules.edge {
-            Edge::Open => Plain::Open,
-            Edge::Torus => Plain::Torus([frame.east() - frame.west, frame.north() - frame.south]),
-        };
-        let stronger = dominators(&self.circles(), plain, self.rules.order, survives);
+        let stronger = dominators(&self.circles(), self.plain(), self.rules.order, survives);
         let fate = |(index, stronger): (usize, &Option<u32>)| {
             let killer = growers[(*stronger)? as usize].id;
             (!survives(index)).then_some(Some(killer))
@@ -440,6 +437,20 @@ impl<'a> Simulation<'a> {
         let doomed: Vec<Option<Option<u64>>> = stronger.par_iter().enumerate().map(fate).collect();
         self.mark(&stronger);
         self.bury(&doomed, Cause::Dominated, |who| years[who].dominated += 1);
+    }
+
+    /// Compares the plants and notes how each stands, without a death.
+    pub(crate) fn look(&mut self) {
+        let stronger = dominators(&self.circles(), self.plain(), Order::Sync, |_| true);
+        self.mark(&stronger);
+    }
+
+    fn plain(&self) -> Plain {
+        let frame = self.ground.frame();
+        match self.rules.edge {
+            Edge::Open => Plain::Open,
+            Edge::Torus => Plain::Torus([frame.east() - frame.west, frame.north() - frame.south]),
+        }
     }
 
     /// Notes how each plant stands after competition.
@@ -476,8 +487,13 @@ impl<'a> Simulation<'a> {
             years[who].radius_sum += radii;
             years[who].area_sum += areas;
         }
-        for (year, bank) in years.iter_mut().zip(&self.life.bank) {
-            year.seeds = bank.len() as u64;
+        let mut radii = vec![Vec::new(); self.participants.len()];
+        for plant in &self.life.growers {
+            radii[usize::from(plant.who)].push(plant.radius);
+        }
+        let sizes: Vec<Inequality> = radii.into_par_iter().map(Inequality::of_circles).collect();
+        for ((year, bank), sizes) in years.iter_mut().zip(&self.life.bank).zip(sizes) {
+            (year.seeds, year.sizes) = (bank.len() as u64, sizes);
         }
     }
 }

@@ -148,11 +148,43 @@ impl<'a> Stand<'a> {
         Some(index)
     }
 
-    /// Returns a population of these plants, on the same map and of the same species.
-    pub(crate) fn of(&self, plants: Vec<Plant>) -> Population {
+    /// Keeps plants, sorted by id, as they stand in a step.
+    ///
+    /// Where one simulation ends with the step that another begins with, both keep into one table;
+    /// of a plant of both the later state counts.
+    pub(crate) fn keep_a_picture(&mut self, step: u32, plants: Vec<Plant>) {
         let Population { species, crs, .. } = &self.population;
         let (species, crs) = (species.clone(), crs.clone());
-        Population { species, crs, plants, ..Population::default() }
+        let mut population = Population { species, crs, plants, ..Population::default() };
+        if let Some(earlier) = self.snapshots.pop_if(|last| last.step == step) {
+            let plants = &population.plants;
+            let is_told = |id: u64| plants.binary_search_by_key(&id, |plant| plant.id).is_ok();
+            let others = earlier.population.plants.into_iter().filter(|plant| !is_told(plant.id));
+            let others: Vec<Plant> = others.collect();
+            population.plants.extend(others);
+            population.plants.par_sort_by_key(|plant| plant.id);
+        }
+        self.snapshots.push(Snapshot { step, population });
+    }
+
+    /// Puts plants, sorted by id, in the place of all those that took part in a simulation, by
+    /// their species: changed, gone or new.
+    pub(crate) fn succeed(&mut self, living: Vec<Plant>, took_part: impl Fn(u16) -> bool) {
+        let (mut newcomers, mut keep) = (Vec::new(), Vec::with_capacity(self.population.len()));
+        let mut survivors = living.into_iter().peekable();
+        for plant in &mut self.population.plants {
+            while let Some(newcomer) = survivors.next_if(|survivor| survivor.id < plant.id) {
+                newcomers.push(newcomer);
+            }
+            let survivor = survivors.next_if(|survivor| survivor.id == plant.id);
+            keep.push(survivor.is_some() || !took_part(plant.species));
+            if let Some(survivor) = survivor {
+                *plant = survivor;
+            }
+        }
+        newcomers.extend(survivors);
+        self.keep(&keep);
+        self.add(newcomers);
     }
 
     /// Returns the kind of a species by its index.

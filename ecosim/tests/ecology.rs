@@ -316,3 +316,63 @@ fn seeds_beyond_the_limit_of_plants_are_refused_before_they_fall() {
     let error = world.grow(&steps).unwrap_err().to_string();
     assert!(error.contains("the seeds of one year"), "{error}");
 }
+
+fn species_of(plants: &[Plant], species: u16) -> impl Iterator<Item = &Plant> + Clone {
+    plants.iter().filter(move |plant| plant.species == species)
+}
+
+#[test]
+fn kept_years_hold_the_plants_of_the_summary_with_their_states() {
+    let world = wood(0.8);
+    let whole = world.grow(YEARS).unwrap();
+    let kept = world.grow(&format!("{YEARS}\nkeep = [40, 0, 7]")).unwrap();
+    // To keep years changes nothing else.
+    assert!(kept.population == whole.population && kept.summary == whole.summary);
+    let steps: Vec<u32> = kept.snapshots.iter().map(|snapshot| snapshot.step).collect();
+    assert_eq!(steps, [0, 7, 40]);
+    assert_eq!(kept.snapshots[2].population, whole.population);
+    for snapshot in &kept.snapshots {
+        let plants = &snapshot.population.plants;
+        assert!(plants.is_sorted_by_key(|plant| plant.id));
+        for row in kept.summary.iter().filter(|row| row.step == snapshot.step) {
+            let own = species_of(plants, row.species);
+            assert_eq!(own.clone().count() as u64, row.alive);
+            let mean = own.clone().map(|p| f64::from(p.radius)).sum::<f64>() / row.alive as f64;
+            assert!((f64::from(row.mean_radius) - mean).abs() < 1e-5);
+            let areas: Vec<f64> = own.map(|plant| f64::from(plant.radius).powi(2)).collect();
+            let pairs = areas.iter().flat_map(|a| areas.iter().map(move |b| (a - b).abs()));
+            let (n, sum) = (areas.len() as f64, areas.iter().sum::<f64>());
+            let gini = pairs.sum::<f64>() / (2.0 * n * sum);
+            assert!((f64::from(row.sizes.gini) - gini).abs() < 1e-5, "{row:?} {gini}");
+        }
+        for state in [State::Free, State::Dominated] {
+            assert!(plants.iter().any(|plant| plant.state == state), "{state:?}");
+        }
+    }
+    // At the start nobody has died yet: a plant is dominated exactly if a stronger one meets it.
+    let start = &kept.snapshots[0].population.plants;
+    for plant in start.iter().filter(|plant| plant.state != State::Old) {
+        let is_under = start.iter().any(|other| {
+            let reach = f64::from(plant.radius) + f64::from(other.radius);
+            (plant.x - other.x).hypot(plant.y - other.y) < reach
+                && ability(&world, &kept, other) > ability(&world, &kept, plant)
+        });
+        assert_eq!(plant.state == State::Dominated, is_under, "{plant:?}");
+    }
+}
+
+#[test]
+fn two_simulations_that_meet_in_a_kept_year_share_its_table() {
+    let world = wood(0.5);
+    let steps = "[[step]]\nkind = \"self_thinning\"\nspecies = \"aspen\"\nplants = 300\nsteps = 5\n\
+                 radius = [0.1, 2.0]\nkeep = [5]\n\
+                 [[step]]\nkind = \"simulate\"\nspecies = [\"willow\"]\nyears = 3\ninitial = 50\n\
+                 keep = [0, 3]";
+    let outcome = world.grow(steps).unwrap();
+    let steps: Vec<u32> = outcome.snapshots.iter().map(|snapshot| snapshot.step).collect();
+    assert_eq!(steps, [5, 8]);
+    let plants = &outcome.snapshots[0].population.plants;
+    assert!(plants.is_sorted_by_key(|plant| plant.id));
+    assert!(species_of(plants, 0).count() > 10 && species_of(plants, 1).count() == 50);
+    assert_eq!(species_of(&outcome.snapshots[1].population.plants, 0).count(), 0);
+}

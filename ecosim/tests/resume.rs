@@ -72,6 +72,7 @@ const STEPS: &str = "
     species = [\"aspen\", \"herb\"]
     years = 8
     initial = 30
+    keep = [0, 3, 8]
     chance = \"1 - 0.5 * crown_shadow(\\\"aspen\\\")\"
     [[step]]
     kind = \"simulate\"
@@ -91,7 +92,7 @@ fn with_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
 
 fn uninterrupted(world: &World) -> Outcome {
     let outcome = world.grow(STEPS).unwrap();
-    assert!(outcome.population.len() > 300 && outcome.snapshots.len() == 3);
+    assert!(outcome.population.len() > 300 && outcome.snapshots.len() == 5);
     assert!(outcome.deaths.len() > 300 && outcome.layers.len() == 1);
     assert!(outcome.summary.iter().any(|row| row.seeds > 100));
     outcome

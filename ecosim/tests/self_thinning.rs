@@ -230,3 +230,26 @@ proptest! {
         prop_assert_eq!(small, large);
     }
 }
+
+#[test]
+fn inequality_is_that_of_the_plants_which_the_tally_tells_of() {
+    let growth = Growth { law: Law::Geometric, rate: 0.1, spread: 0.5, ..Growth::default() };
+    let rules = Rules { growth, ..rules(4000f64.sqrt(), Edge::Torus, Order::Greedy) };
+    let mut thinning = Thinning::new(rules, stand(4000, 5).into_iter());
+    for _ in 0..40 {
+        thinning.look();
+        let areas: Vec<f64> = thinning
+            .stems()
+            .iter()
+            .filter(|(_, state)| *state == State::Free)
+            .map(|(stem, _)| f64::from(stem.radius).powi(2))
+            .collect();
+        let found = thinning.inequality();
+        thinning.advance();
+        let n = areas.len() as f64;
+        assert_eq!(thinning.tally().alive, areas.len() as u64);
+        let pairs = areas.iter().flat_map(|a| areas.iter().map(move |b| (a - b).abs()));
+        let gini = pairs.sum::<f64>() / (2.0 * n * areas.iter().sum::<f64>());
+        assert!((f64::from(found.gini) - gini).abs() < 1e-5, "{found:?} {gini}");
+    }
+}

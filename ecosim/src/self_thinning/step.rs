@@ -3,12 +3,12 @@
 use super::{Loss, Rules, Stem, Thinning};
 use crate::bytes::records;
 use crate::checkpoint::{Begun, Course, Going, Moment};
-use crate::config::{Edge, Order};
+use crate::config::{Edge, Order, check_kept};
 use crate::growth::Growth;
 use crate::levels;
 use crate::stand::{Spot, Stand, is_size, settle};
 use crate::steps::Site;
-use crate::{Cause, Death, Error, Snapshot, SummaryRow};
+use crate::{Cause, Death, Error, Inequality, SummaryRow};
 use rayon::prelude::*;
 use std::f32::consts::TAU;
 use weald_contract::{Plant, Problem, State, Written, table};
@@ -47,11 +47,7 @@ impl SelfThinning {
             let problem = Problem::at(self.species.span, "`radius` falls: least comes first");
             problems.push(problem.hint("write `radius = [least, greatest]`"));
         }
-        for step in self.keep.iter().filter(|step| step.value > self.steps.value) {
-            let message = format!("step {} is never reached", step.value);
-            let hint = format!("the simulation ends with step {}", self.steps.value);
-            problems.push(Problem::at(step.span, message).hint(hint));
-        }
+        check_kept(&self.keep, self.steps.value, "step", problems);
     }
 }
 
@@ -87,7 +83,7 @@ pub(crate) fn run(
         Some(_) => return Err(Error::Unfit("it stopped in a step of another kind")),
         None => {
             let thinning = Thinning::new(run.rules_of_thinning(), run.stems(stand).into_iter());
-            run.record(&thinning, stand, u64::from(rules.plants));
+            run.record(&thinning, thinning.inequality(), stand, u64::from(rules.plants));
             (thinning, 0)
         }
     };
@@ -98,8 +94,7 @@ pub(crate) fn run(
         thinning.look();
         stand.year = first_year + step;
         if rules.keep.iter().any(|kept| kept.value == step) {
-            let population = stand.of(run.plants(&thinning, stand));
-            stand.snapshots.push(Snapshot { step: stand.year, population });
+            stand.keep_a_picture(stand.year, run.plants(&thinning, stand));
         }
         if step == steps {
             break;
@@ -109,13 +104,15 @@ pub(crate) fn run(
             let deaths = thinning.losses().into_iter().map(|loss| run.death(loss, stand.year));
             stand.deaths.extend(deaths);
         }
+        let sizes = thinning.inequality();
         thinning.advance();
-        run.record(&thinning, stand, 0);
+        run.record(&thinning, sizes, stand, 0);
         site.progress.advance(1);
         let going = Going::Steps { done: step + 1, sites: thinning.sites() };
         course.rest(site, 1, &Moment { ordinal, stand, going })?;
     }
-    run.hand_over(&thinning, stand);
+    let living = run.plants(&thinning, stand);
+    stand.succeed(living, |other| other == species);
     Ok(())
 }
 
@@ -187,7 +184,7 @@ impl Run<'_, '_> {
     }
 
     /// Adds a row to the summary.
-    fn record(&self, thinning: &Thinning, stand: &mut Stand<'_>, births: u64) {
+    fn record(&self, thinning: &Thinning, sizes: Inequality, stand: &mut Stand<'_>, births: u64) {
         let tally = thinning.tally();
         stand.summary.push(SummaryRow {
             step: stand.year,
@@ -199,6 +196,7 @@ impl Run<'_, '_> {
             mean_radius: tally.mean_radius() as f32,
             cover: (tally.area() / self.site.ground.area()) as f32,
             seeds: 0,
+            sizes,
         });
     }
 
@@ -221,24 +219,5 @@ impl Run<'_, '_> {
             Plant { radius: stem.radius, height, state, ..plant }
         };
         thinning.stems().into_par_iter().map(plant).collect()
-    }
-
-    fn hand_over(&self, thinning: &Thinning, stand: &mut Stand<'_>) {
-        let living = self.plants(thinning, stand);
-        let (mut newcomers, mut keep) = (Vec::new(), Vec::new());
-        let mut survivors = living.into_iter().peekable();
-        for plant in &mut stand.population.plants {
-            while let Some(newcomer) = survivors.next_if(|survivor| survivor.id < plant.id) {
-                newcomers.push(newcomer);
-            }
-            let survivor = survivors.next_if(|survivor| survivor.id == plant.id);
-            keep.push(survivor.is_some() || plant.species != self.species);
-            if let Some(survivor) = survivor {
-                *plant = survivor;
-            }
-        }
-        newcomers.extend(survivors);
-        stand.keep(&keep);
-        stand.add(newcomers);
     }
 }

@@ -4,7 +4,6 @@ use super::life::{Grower, Life};
 use super::{Simulation, Year};
 use crate::checkpoint::{Begun, Course, Going, Moment};
 use crate::config::Simulate;
-use crate::seeds::DormantSeed;
 use crate::stand::{Spot, Stand, settle};
 use crate::steps::Site;
 use crate::{Error, SummaryRow};
@@ -28,17 +27,18 @@ pub(crate) fn run<'a>(
         Some(Begun::Years(life)) => resume(&mut simulation, life, stand)?,
         Some(_) => return Err(Error::Unfit("it stopped in a step of another kind")),
         None => {
-            begin(&mut simulation, stand)?;
+            begin(&mut simulation, site, stand)?;
             0
         }
     };
     site.progress.advance(u64::from(done));
-    for _ in done..years {
+    for year in done + 1..=years {
         stand.check_room(simulation.seeds_expected() as u64, "the seeds of one year")?;
         let happened = simulation.step()?;
         let in_all = simulation.len() as u64 + bystanders;
         stand.check_room(in_all.saturating_sub(stand.population.len() as u64), "the simulation")?;
         record(&simulation, &happened, stand);
+        keep(&simulation, year, site, stand);
         site.progress.advance(1);
         let going = Going::Years(&simulation.life);
         course.rest(site, 1, &Moment { ordinal, stand, going })?;
@@ -48,7 +48,11 @@ pub(crate) fn run<'a>(
 }
 
 /// Sows the plants of the start.
-fn begin(simulation: &mut Simulation<'_>, stand: &mut Stand<'_>) -> Result<(), Error> {
+fn begin(
+    simulation: &mut Simulation<'_>,
+    site: &Site<'_>,
+    stand: &mut Stand<'_>,
+) -> Result<(), Error> {
     let rules = simulation.rules;
     let sown = u64::from(rules.initial) * rules.species.len() as u64;
     stand.check_room(sown, "sowing `initial` plants")?;
@@ -56,6 +60,10 @@ fn begin(simulation: &mut Simulation<'_>, stand: &mut Stand<'_>) -> Result<(), E
     let start = simulation.sow();
     if !is_as_recorded(simulation, &start, stand) {
         record(simulation, &start, stand);
+    }
+    if rules.keep.iter().any(|kept| kept.value == 0) {
+        simulation.look();
+        keep(simulation, 0, site, stand);
     }
     Ok(())
 }
@@ -92,44 +100,47 @@ fn record(simulation: &Simulation<'_>, years: &[Year], stand: &mut Stand<'_>) {
         mean_radius: (year.radius_sum / (year.alive as f64).max(1.0)) as f32,
         cover: (year.area_sum / area) as f32,
         seeds: year.seeds,
+        sizes: year.sizes,
     });
     stand.summary.extend(rows);
 }
 
-/// Puts what the simulation left into the stand: settlers changed or removed, others added.
-fn hand_over(simulation: Simulation<'_>, site: &Site<'_>, stand: &mut Stand<'_>) {
-    stand.year = simulation.life.year;
-    let took_part = |plant: &Plant| {
-        simulation.participants.iter().any(|participant| participant.species == plant.species)
-    };
-    // Growers and plants are both sorted by id, settlers being found in one walk.
-    let mut settlers = simulation.life.growers.iter().filter(|plant| plant.is_settler).peekable();
-    let mut keep = Vec::with_capacity(stand.population.len());
-    for plant in &mut stand.population.plants {
-        let survivor = settlers.next_if(|grower| grower.id == plant.id);
-        keep.push(survivor.is_some() || !took_part(plant));
-        if let Some(grower) = survivor {
-            let size = simulation.participants[usize::from(grower.who)].kind.size;
-            plant.height = plant.height.max(size.height_at(grower.age, grower.vigor));
-            (plant.age, plant.radius, plant.state) = (grower.age, grower.radius, grower.state);
-        }
+/// Keeps the plants of a year that the step names.
+fn keep(simulation: &Simulation<'_>, year: u32, site: &Site<'_>, stand: &mut Stand<'_>) {
+    if simulation.rules.keep.iter().any(|kept| kept.value == year) {
+        let plants = living(simulation, site, stand);
+        stand.keep_a_picture(simulation.life.year, plants);
     }
-    stand.keep(&keep);
-    let newcomer = |grower: &Grower| {
+}
+
+/// Returns the plants as they stand, by id.
+fn living(simulation: &Simulation<'_>, site: &Site<'_>, stand: &Stand<'_>) -> Vec<Plant> {
+    let before = &stand.population.plants;
+    let plant = |grower: &Grower| {
         let participant = &simulation.participants[usize::from(grower.who)];
-        let yaw = site.seed.stream("yaw", grower.id).unit() as f32 * TAU;
-        let &Grower { id, x, y, age, vigor, .. } = grower;
+        let &Grower { id, x, y, age, vigor, radius, state, .. } = grower;
+        let settler = before.binary_search_by_key(&id, |plant| plant.id).map(|row| before[row]);
+        if let (true, Ok(settler)) = (grower.is_settler, settler) {
+            let height = settler.height.max(participant.kind.size.height_at(age, vigor));
+            return Plant { age, radius, height, state, ..settler };
+        }
+        let yaw = site.seed.stream("yaw", id).unit() as f32 * TAU;
         let spot = Spot { id, x, y, age, vigor, yaw };
         let plant = settle(&site.ground, &participant.kind, participant.species, spot);
-        Plant { radius: grower.radius, state: grower.state, ..plant }
+        Plant { radius, state, ..plant }
     };
-    let newcomers: Vec<&Grower> =
-        simulation.life.growers.iter().filter(|g| !g.is_settler).collect();
-    stand.add(newcomers.par_iter().map(|grower| newcomer(grower)).collect());
+    let mut plants: Vec<Plant> = simulation.life.growers.par_iter().map(plant).collect();
+    plants.par_sort_by_key(|plant| plant.id);
+    plants
+}
+
+/// Puts what the simulation left into the stand.
+fn hand_over(simulation: Simulation<'_>, site: &Site<'_>, stand: &mut Stand<'_>) {
+    stand.year = simulation.life.year;
+    let living = living(&simulation, site, stand);
+    let took_part = |species| simulation.participants.iter().any(|p| p.species == species);
+    stand.succeed(living, took_part);
+    stand.bank.retain(|seed| !took_part(seed.species));
     stand.deaths.extend(simulation.life.deaths);
-    let is_own = |seed: &DormantSeed| {
-        simulation.participants.iter().any(|participant| participant.species == seed.species)
-    };
-    stand.bank.retain(|seed| !is_own(seed));
     stand.bank.extend(simulation.life.bank.into_iter().flatten());
 }

@@ -5,7 +5,7 @@
 
 use crate::error::{Error, Result, none_wrong};
 use crate::parameters::render_config;
-use crate::scene::{Scene, SceneInput};
+use crate::scene::{Scene, SceneInput, SceneSpecies};
 use serde::Serialize;
 use std::fmt;
 use std::path::Path;
@@ -166,7 +166,9 @@ fn step_plants(scene: &Scene, step: &weald_ecosim::Step, area: f64) -> f64 {
             }
         }
         weald_ecosim::Step::Simulate(simulate) => {
-            simulate.initial as f64 * simulate.species.len() as f64
+            let species = simulate.species.iter().filter_map(|name| scene.species.get(&name.value));
+            let years = f64::from(simulate.years.value);
+            species.map(|found| f64::from(simulate.initial) + arrivals(found, years, area)).sum()
         }
         weald_ecosim::Step::Place(place) => {
             let table = place.plants.as_ref().and_then(|path| table_at(scene, &path.value));
@@ -176,6 +178,19 @@ fn step_plants(scene: &Scene, step: &weald_ecosim::Step, area: f64) -> f64 {
         weald_ecosim::Step::SelfThinning(thinning) => f64::from(thinning.plants),
         _ => 0.0,
     }
+}
+
+/// Seedlings of a species that may stand at one time in a simulation: those of all its years whose
+/// seeds fly in from afar, and, of those borne under crowns that cover the ground once, those that
+/// shade lets live.
+fn arrivals(found: &SceneSpecies, years: f64, area: f64) -> f64 {
+    let ecology = found.ecology.clone().unwrap_or_default();
+    let years = years.min(f64::from(found.species.size.lifespan).max(1.0));
+    let survival = f64::from(ecology.survival);
+    let shaded =
+        if survival < 1.0 { (1.0 - survival.powf(years)) / (1.0 - survival) } else { years };
+    let [afar, borne] = [ecology.seedlings, ecology.seeds].map(f64::from);
+    area * (afar / 1e4 * years + borne * shaded)
 }
 
 /// The file of a table that a step names.

@@ -194,11 +194,12 @@ impl Opened {
         made: &mut Made,
     ) -> Result<()> {
         let Outcome { population: plants, summary, snapshots, .. } = outcome;
+        let colors = species_colors(scene, plants);
         if !snapshots.is_empty() {
-            let sheet = preview::draw_stand(summary, snapshots, &self.terrain.frame);
+            let (frame, names) = (&self.terrain.frame, &plants.species);
+            let sheet = preview::draw_stand(summary, snapshots, frame, names, &colors);
             made.preview(&population.with_file_name("stand.png"), &sheet, provenance)?;
         }
-        let colors = species_colors(scene, plants);
         let dots = preview::draw_population(plants, Some(&self.terrain), &colors);
         made.preview(&population.with_extension("png"), &dots, provenance)?;
         let densities = densities(scene, &self.images);
@@ -331,6 +332,8 @@ fn summary_table(rows: &[weald_ecosim::SummaryRow], names: &[String], area: f64)
         .with("seeds", counts(|row| row.seeds))
         .with("density", derived(&|row| row.alive as f64 / area))
         .with("mean_area", derived(&|row| f64::from(row.cover) * area / row.alive.max(1) as f64))
+        .with("gini", numbers(|row| row.sizes.gini))
+        .with("cv", numbers(|row| row.sizes.variation))
 }
 
 /// `deaths.parquet`: a row a death; `killer` is -1 where none is to blame.

@@ -1,8 +1,12 @@
-//! A stand that thins, as [Deussen98] shows it: the plot of size over density, and the field at
-//! chosen steps with its plants green, red where they are dominated and yellow where old.
+//! Stands at chosen steps, as [Deussen98] shows them: a plot, and the field with its circles.
+//!
+//! Of one species, the plot is size over density and plants are green, red where they are dominated
+//! and yellow where old. Of several, it is cover over time; plants have the colour of their species,
+//! and a red rim where they are dominated, a yellow one where old.
 
 use super::Sketch;
 use crate::analysis::plot;
+use std::collections::BTreeSet;
 use weald_analyze::figure::{Figure, Series, Style};
 use weald_contract::{Frame, Plant, State};
 use weald_ecosim::{Snapshot, SummaryRow};
@@ -16,6 +20,10 @@ const DOT_STEPS: u32 = 10;
 /// Plants that are shown, about, of a number between the most and the fewest of the snapshots; all
 /// show the same ground.
 const SHOWN: f64 = 300.0;
+/// The same of crowns, of stands of several species.
+const SHOWN_CROWNS: f64 = 150.0;
+/// Fields beside each other.
+const MOST_COLUMNS: usize = 4;
 /// Part of the first density below which a stand has forgotten its first sizes.
 const FORGOTTEN: f64 = 0.1;
 /// Units of the letters, pixels.
@@ -26,7 +34,7 @@ const GROUND: [u8; 3] = [246, 243, 235];
 const INK: [u8; 3] = [40, 40, 40];
 
 /// Returns the colour of a state, and of the rim of its circles.
-fn colors(state: State) -> [[u8; 3]; 2] {
+fn state_colors(state: State) -> [[u8; 3]; 2] {
     match state {
         State::Free => [[104, 168, 88], [44, 92, 40]],
         State::Dominated => [[214, 84, 70], [128, 30, 24]],
@@ -34,52 +42,138 @@ fn colors(state: State) -> [[u8; 3]; 2] {
     }
 }
 
-/// Draws the plot above the snapshots.
-pub fn draw_stand(rows: &[SummaryRow], snapshots: &[Snapshot], frame: &Frame) -> Sketch {
-    let plot = plot::draw(&figure(rows, frame));
-    let count = snapshots.len().max(1);
-    let width = plot.width.max(count * SIDE + (count + 1) * GAP);
-    let mut sheet = Sketch::filled(width, plot.height + SIDE + 3 * GAP, PAPER);
+/// Draws the plot above the snapshots; `names` and `colors` are those of the rows' species.
+pub fn draw_stand(
+    rows: &[SummaryRow],
+    snapshots: &[Snapshot],
+    frame: &Frame,
+    names: &[String],
+    colors: &[[u8; 3]],
+) -> Sketch {
+    let kinds: BTreeSet<u16> = rows.iter().map(|row| row.species).collect();
+    if kinds.len() == 1 {
+        let window = Window::of_equals(snapshots, frame);
+        return sheet(&figure(rows, frame), snapshots, &window, &|plant| state_colors(plant.state));
+    }
+    let paint = |plant: &Plant| {
+        let color = colors.get(usize::from(plant.species)).copied().unwrap_or(INK);
+        let rim = match plant.state {
+            State::Free => color.map(|channel| channel / 2),
+            state => state_colors(state)[0],
+        };
+        [color, rim]
+    };
+    let window = Window::of_unequals(snapshots, frame);
+    sheet(&cover_figure(rows, &kinds, names, colors), snapshots, &window, &paint)
+}
+
+/// Lays out the plot and, below it, the fields in rows.
+fn sheet(
+    figure: &Figure,
+    snapshots: &[Snapshot],
+    window: &Window,
+    paint: &dyn Fn(&Plant) -> [[u8; 3]; 2],
+) -> Sketch {
+    let plot = plot::draw(figure);
+    let columns = snapshots.len().clamp(1, MOST_COLUMNS);
+    let lines = snapshots.len().div_ceil(columns);
+    let width = plot.width.max(columns * SIDE + (columns + 1) * GAP);
+    let line = SIDE + 2 * GAP;
+    let mut sheet = Sketch::filled(width, plot.height + GAP + lines * line, PAPER);
     sheet.paste(&plot, ((width - plot.width) / 2) as i64, 0);
-    let side = side_shown(snapshots, frame);
-    for (column, snapshot) in snapshots.iter().enumerate() {
-        let left = (GAP + column * (SIDE + GAP)) as i64;
-        let top = plot.height + GAP;
-        sheet.paste(&draw_field(&snapshot.population.plants, frame, side), left, top as i64);
+    for (index, snapshot) in snapshots.iter().enumerate() {
+        let left = (GAP + index % columns * (SIDE + GAP)) as i64;
+        let top = plot.height + GAP + index / columns * line;
+        sheet.paste(&window.draw(&snapshot.population.plants, paint), left, top as i64);
         let title = format!("step {}  {} plants", snapshot.step, snapshot.population.len());
         sheet.text(left, (top + SIDE + GAP / 2) as i64, &title, LETTER, INK);
     }
     sheet
 }
 
-/// Returns the side of the square that all snapshots show, m.
-fn side_shown(snapshots: &[Snapshot], frame: &Frame) -> f64 {
+/// The square of ground that all snapshots show.
+struct Window {
+    west: f64,
+    south: f64,
+    side: f64,
+}
+
+impl Window {
+    /// Shows [`SHOWN`] plants of a stand of equals, at its corner: it looks the same everywhere.
+    fn of_equals(snapshots: &[Snapshot], frame: &Frame) -> Self {
+        let side = side_of(SHOWN, snapshots.iter().map(|s| s.population.len() as f64), frame);
+        Self { west: frame.west, south: frame.south, side }
+    }
+
+    /// Shows as many crowns that count in the middle of the ground: seedlings below tall trees
+    /// would narrow the view to one of them, so a crown counts by its share of the cover,
+    /// (Σ r²)² / Σ r⁴ being the number of equals with the same shares.
+    fn of_unequals(snapshots: &[Snapshot], frame: &Frame) -> Self {
+        let count = |snapshot: &Snapshot| {
+            let radii = snapshot.population.plants.iter().map(|plant| f64::from(plant.radius));
+            let sum = |power| radii.clone().map(|radius| radius.powi(power)).sum::<f64>();
+            let fourth = sum(4);
+            if fourth > 0.0 { sum(2).powi(2) / fourth } else { snapshot.population.len() as f64 }
+        };
+        let side = side_of(SHOWN_CROWNS, snapshots.iter().map(count), frame);
+        let [x, y] = [frame.west + frame.east(), frame.south + frame.north()];
+        Self { west: (x - side) / 2.0, south: (y - side) / 2.0, side }
+    }
+
+    fn draw(&self, plants: &[Plant], paint: &dyn Fn(&Plant) -> [[u8; 3]; 2]) -> Sketch {
+        let mut sketch = Sketch::filled(SIDE, SIDE, GROUND);
+        let scale = SIDE as f64 / self.side;
+        // The dominated on top: they are the smaller ones, within the circles of others.
+        let mut order: Vec<&Plant> = plants.iter().collect();
+        order.sort_by(|a, b| b.radius.total_cmp(&a.radius).then(a.id.cmp(&b.id)));
+        for plant in order {
+            let x = (plant.x - self.west) * scale;
+            let y = SIDE as f64 - (plant.y - self.south) * scale;
+            let radius = f64::from(plant.radius) * scale;
+            let [fill, rim] = paint(plant);
+            if radius > 2.5 {
+                sketch.disc(x, y, radius, rim, 1.0);
+                sketch.disc(x, y, radius - 1.5, fill, 1.0);
+            } else {
+                sketch.disc(x, y, radius, fill, 1.0);
+            }
+        }
+        sketch
+    }
+}
+
+/// Returns the side of a square with about so many plants, where their number lies between the
+/// most and the fewest of the snapshots, m.
+fn side_of(shown: f64, counts: impl Iterator<Item = f64> + Clone, frame: &Frame) -> f64 {
     let [width, height] = [frame.east() - frame.west, frame.north() - frame.south];
-    let counts = snapshots.iter().map(|snapshot| snapshot.population.len() as f64);
     let (most, fewest) = (counts.clone().fold(1.0, f64::max), counts.fold(f64::INFINITY, f64::min));
-    let side = (width * height * SHOWN / (most * fewest.max(1.0)).sqrt()).sqrt();
+    let side = (width * height * shown / (most * fewest.max(1.0)).sqrt()).sqrt();
     side.min(width).min(height)
 }
 
-fn draw_field(plants: &[Plant], frame: &Frame, side: f64) -> Sketch {
-    let mut sketch = Sketch::filled(SIDE, SIDE, GROUND);
-    let scale = SIDE as f64 / side;
-    // The dominated on top: they are the smaller ones, within the circles of others.
-    let mut order: Vec<&Plant> = plants.iter().collect();
-    order.sort_by(|a, b| b.radius.total_cmp(&a.radius).then(a.id.cmp(&b.id)));
-    for plant in order {
-        let x = (plant.x - frame.west) * scale;
-        let y = SIDE as f64 - (plant.y - frame.south) * scale;
-        let radius = f64::from(plant.radius) * scale;
-        let [fill, rim] = colors(plant.state);
-        if radius > 2.5 {
-            sketch.disc(x, y, radius, rim, 1.0);
-            sketch.disc(x, y, radius - 1.5, fill, 1.0);
-        } else {
-            sketch.disc(x, y, radius, fill, 1.0);
+/// The plot of cover over time, a line a species.
+fn cover_figure(
+    rows: &[SummaryRow],
+    kinds: &BTreeSet<u16>,
+    names: &[String],
+    colors: &[[u8; 3]],
+) -> Figure {
+    let line = |&species: &u16| {
+        let own = rows.iter().filter(|row| row.species == species);
+        Series {
+            label: names.get(usize::from(species)).map_or("", String::as_str).replace('_', " "),
+            points: own.map(|row| [f64::from(row.step), f64::from(row.cover)]).collect(),
+            color: colors.get(usize::from(species)).copied().unwrap_or(INK),
+            style: Style::Line,
         }
+    };
+    Figure {
+        title: "crowns; rims below: red dominated, yellow old".into(),
+        x_label: "step".into(),
+        y_label: "cover by crowns".into(),
+        bands: Vec::new(),
+        series: kinds.iter().map(line).collect(),
     }
-    sketch
 }
 
 /// The plot of mean area over density, with every tenth step a dot.

@@ -8,17 +8,17 @@ use weald_contract::Projection;
 /// Turns points of the picture into rays.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Camera {
-    eye: Vec3,
+    pub eye: Vec3,
     /// Unit vector towards what is looked at.
-    forward: Vec3,
-    projection: Projection,
+    pub forward: Vec3,
+    pub projection: Projection,
     /// From the middle of the picture to its right and upper rim: at distance 1, or in metres
     /// when there is no foreshortening.
-    right: Vec3,
-    up: Vec3,
-    lens_radius: f32,
+    pub right: Vec3,
+    pub up: Vec3,
+    pub lens_radius: f32,
     /// Distance along `forward` of what is sharp.
-    focus: f32,
+    pub focus: f32,
 }
 
 impl Camera {
@@ -143,6 +143,12 @@ impl Filter {
             (Self::RADIUS * (2.0 * index as f64 / fine as f64 - 1.0)) as f32
         };
         Self { quantiles: (0..=Self::STEPS).map(quantile).collect() }
+    }
+
+    /// Standard deviation of the offsets, pixels.
+    pub fn deviation(&self) -> f32 {
+        let squares: f32 = self.quantiles.windows(2).map(|q| (0.5 * (q[0] + q[1])).powi(2)).sum();
+        (squares / Self::STEPS as f32).sqrt()
     }
 
     /// The offset for a uniform number.

@@ -59,6 +59,16 @@ impl Coat {
         })
     }
 
+    /// Microfacet roughness.
+    pub fn alpha(&self) -> f32 {
+        self.alpha
+    }
+
+    /// Part of light from everywhere above that the coat reflects.
+    pub fn mean_albedo(&self) -> f32 {
+        1.0 - 1.0 / self.gain
+    }
+
     /// Part of the light from a direction that the coat reflects.
     pub fn albedo(&self, cos: f32) -> f32 {
         let column = cos.clamp(0.0, 1.0).sqrt() * (COLUMNS - 1) as f32;

@@ -17,6 +17,9 @@ use weald_contract::{Frame, Grid, Layers, Mesh};
 const BEYOND: [f64; 12] =
     [3.0, 8.0, 16.0, 30.0, 55.0, 100.0, 170.0, 280.0, 450.0, 750.0, 1250.0, 2200.0];
 
+/// Farthest distance at which they have, m.
+pub(crate) const REACH: f32 = BEYOND[BEYOND.len() - 1] as f32;
+
 /// Height that the surroundings have gained at their far rim, m: enough to hide the horizon of
 /// a flat world behind gentle hills.
 const RISE: f64 = 22.0;

@@ -24,6 +24,7 @@ mod nested;
 mod noise;
 mod paint;
 mod path;
+pub mod portable;
 mod primitive;
 pub mod probe;
 mod sampler;
@@ -45,7 +46,7 @@ pub use tone::tone_map;
 use weald_contract::Problem;
 
 /// Changes whenever the same input would give other bytes than before.
-pub const OUTPUT_VERSION: u32 = 7;
+pub const OUTPUT_VERSION: u32 = 8;
 
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]

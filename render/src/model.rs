@@ -21,6 +21,9 @@ const MOST_RADIANCE: f32 = 1e7;
 /// Farthest coordinate of a model from its origin, m: beyond it single precision is too coarse.
 const MODEL_REACH: f32 = 1e5;
 
+/// Most triangles of a model: with the pieces of long ones, as many as faces are numbered.
+const MOST_TRIANGLES: usize = 1 << 28;
+
 /// A plant's material as the integrator wants it, but for its texture.
 ///
 /// Reflectance and transmittance are scaled down where together they would exceed 1.
@@ -66,7 +69,7 @@ pub(crate) struct Brush {
     /// What a copy of the texture covers, in units of the texture coordinates.
     size: [f32; 2],
     /// Coverage below which there is nothing.
-    cutout: Option<f32>,
+    pub cutout: Option<f32>,
 }
 
 /// The textures of all models, each kept once: plants of a species share theirs.
@@ -294,11 +297,11 @@ impl<'a> Pile<'a> {
             let why = format!("it reaches farther than {MODEL_REACH} m");
             return Err(Error::BadModel { what: what.to_string(), why });
         }
-        if self.triangles.len() > u32::MAX as usize / 8 {
+        if self.triangles.len() > MOST_TRIANGLES {
             return Err(Error::TooMany {
                 what: format!("triangles of {what}"),
                 count: self.triangles.len(),
-                limit: u32::MAX as usize / 8,
+                limit: MOST_TRIANGLES,
             });
         }
         let triangles = join_pairs(&self.triangles, &mut self.charts);

@@ -243,6 +243,24 @@ impl Pyramid {
         Self { levels }
     }
 
+    /// The texture itself: columns, rows and linear colours.
+    pub fn linear(&self) -> (usize, usize, Vec<Vec3>) {
+        let Copy { width, height, texels } = &self.levels[0];
+        (*width, *height, texels.iter().copied().map(decoded).collect())
+    }
+
+    /// Where coverage is at least `least`, `times` as fine as the texture: columns, rows, and row by
+    /// row whether there is anything.
+    pub fn opacity(&self, least: f32, times: usize) -> (usize, usize, Vec<bool>) {
+        let Copy { width, height, .. } = self.levels[0];
+        let (width, height) = (width * times, height * times);
+        let is_there = |i: usize| {
+            let middle = |at: usize, count: usize| (at as f32 + 0.5) / count as f32;
+            self.coverage([middle(i % width, width), middle(i / width, height)]) >= least
+        };
+        (width, height, (0..width * height).map(is_there).collect())
+    }
+
     /// Texels of the texture itself.
     pub fn texel_count(&self) -> usize {
         self.levels[0].texels.len()

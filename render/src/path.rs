@@ -71,7 +71,7 @@ pub fn render(
     let (columns, rows) = (width.div_ceil(TILE), height.div_ceil(TILE));
     let camera = camera(scene, view, config);
     let job = Job {
-        tracer: Tracer::new(scene, config.bounces, config.light),
+        tracer: Tracer::new(scene, config.bounces, config.light).varied(config.variation),
         cone: camera.cone(width),
         camera,
         filter: Filter::new(),
@@ -120,7 +120,7 @@ pub fn render(
 }
 
 /// The camera of a view, in scene-local metres.
-fn camera(scene: &Scene, view: &View, config: &Config) -> Camera {
+pub(crate) fn camera(scene: &Scene, view: &View, config: &Config) -> Camera {
     let sight = view.sight(&scene.footing);
     let local =
         |p: [f64; 3]| Vec3::from_array([0, 1, 2].map(|axis| (p[axis] - scene.origin[axis]) as f32));
@@ -331,6 +331,8 @@ struct Tracer<'a> {
     bounces: u32,
     /// Whether leaves dim the light that they stand in the way of, and nothing is scattered twice.
     is_direct: bool,
+    /// Factor of the variation of materials.
+    variation: f32,
 }
 
 /// State of a path.
@@ -382,7 +384,12 @@ struct Vertex {
 impl<'a> Tracer<'a> {
     fn new(scene: &'a Scene, bounces: u32, light: Light) -> Self {
         let is_direct = light == Light::Direct;
-        Self { scene, bounces: if is_direct { 1 } else { bounces }, is_direct }
+        Self { scene, bounces: if is_direct { 1 } else { bounces }, is_direct, variation: 1.0 }
+    }
+
+    /// The same with more or less variation from leaf to leaf.
+    fn varied(self, variation: f32) -> Self {
+        Self { variation, ..self }
     }
 
     /// Light along a ray, and what it meets first. `cone` is the width of a pixel where the ray
@@ -468,12 +475,13 @@ impl<'a> Tracer<'a> {
             material.reflectance *= color;
             material.transmittance *= color;
         }
-        if material.variation > 0.0 {
+        let variation = material.variation * self.variation;
+        if variation > 0.0 {
             let organ = f32::from(place.face.shade) / 65536.0;
             let plant = (mix(place.plant) >> 40) as f32 / (1 << 24) as f32;
             let grain = 0.5 + 0.5 * value(40.0 * (position.x + position.y), 18.0 * position.z, 9);
             let mixed = if place.face.shade == 0 { grain } else { organ };
-            let factor = 1.0 - material.variation * (0.65 * mixed + 0.35 * plant);
+            let factor = 1.0 - variation * (0.65 * mixed + 0.35 * plant);
             material.reflectance *= factor;
             material.transmittance *= factor;
         }
@@ -1045,6 +1053,7 @@ mod tests {
             samples: 3,
             noise: 0.0,
             bounces: 5,
+            variation: 1.0,
             light: Light::Paths,
             denoise: false,
             exposure: 0.0,
@@ -1209,6 +1218,32 @@ mod tests {
         for ((all, direct), indirect) in all.iter().zip(direct).zip(indirect) {
             assert!((all - direct - indirect).abs() < 1e-4 * all.max(1.0));
         }
+    }
+
+    #[test]
+    fn colours_vary_as_much_as_the_scene_asks() {
+        let varied = Material { variation: 0.16, ..material(0.4, 0.3) };
+        let mut list = leaves(3000);
+        for (leaf, number) in list.iter_mut().zip(1..) {
+            leaf.face.shade = mix(number) as u16;
+        }
+        let scene = Scene::of_mesh(&list, vec![varied], Dome::constant(1.0));
+        let albedo = |variation: f32| {
+            let config = Config { variation, samples: 1, ..config() };
+            let picture = film(&scene, 1, &config).picture();
+            let seen = picture.channel("A").unwrap().iter().map(|a| *a == 1.0);
+            let values = picture.channel("albedo.G").unwrap().iter().copied();
+            values.zip(seen).filter_map(|(v, seen)| seen.then_some(v / 0.4)).collect::<Vec<_>>()
+        };
+        assert!(albedo(0.0).iter().all(|part| (part - 1.0).abs() < 1e-6));
+        // Of the factor 1 - v (0.65 u + 0.35 u'), u varies from leaf to leaf; all are of one plant.
+        let (once, thrice) = (albedo(1.0), albedo(3.0));
+        let mean = once.iter().sum::<f32>() / once.len() as f32;
+        let plant = 1.0 - once.iter().copied().fold(0.0, f32::max);
+        assert!(once.len() > 200 && once.iter().all(|part| (0.84..=1.0).contains(part)));
+        assert!((mean - (1.0 - plant - 0.16 * 0.65 / 2.0)).abs() < 0.006, "{mean}, {plant}");
+        let difference = |(a, b): (&f32, &f32)| (1.0 - b - 3.0 * (1.0 - a)).abs();
+        assert!(once.iter().zip(&thrice).map(difference).fold(0.0, f32::max) < 1e-5);
     }
 
     #[test]

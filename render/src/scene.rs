@@ -82,6 +82,10 @@ pub struct Scene {
     /// Level of the water's surface.
     pub(crate) water: u32,
     pub(crate) materials: Vec<Material>,
+    /// Names of the materials for people: species and what the model calls it.
+    pub(crate) material_names: Vec<String>,
+    /// How the materials are painted.
+    brushes: Vec<Option<Brush>>,
     /// Whether any material is a light.
     pub(crate) has_lights: bool,
     pub(crate) colors: Option<Colors>,
@@ -180,6 +184,8 @@ impl Scene {
             levels: Levels::new(assembly.levels).painted(paints),
             has_lights: has_lights(&assembly.materials),
             materials: assembly.materials,
+            material_names: assembly.material_names,
+            brushes: assembly.brushes,
             colors: Some(Colors::new(parts.terrain, &crowns(parts, rows.get(&0)))),
             ripples: Ripples::new(),
             dome: Dome::with_pictures(sky, parts.sky_pictures)?,
@@ -194,6 +200,11 @@ impl Scene {
     /// How large it is.
     pub fn statistics(&self) -> &Statistics {
         &self.statistics
+    }
+
+    /// Coverage of its texture below which a material is not there, if it is cut out.
+    pub(crate) fn cutout(&self, material: usize) -> Option<f32> {
+        self.brushes[material].and_then(|brush| brush.cutout)
     }
 
     /// The box around all plants, objects and ground, scene-local metres.
@@ -213,6 +224,8 @@ impl Scene {
             solid: 2,
             water: 1,
             has_lights: has_lights(&materials),
+            material_names: vec!["test".to_string(); materials.len()],
+            brushes: vec![None; materials.len()],
             materials,
             colors: None,
             ripples: Ripples::new(),
@@ -237,7 +250,7 @@ fn has_lights(materials: &[Material]) -> bool {
 
 /// Numbers of the levels that every scene begins with.
 const GROUND_LEVEL: u32 = 0;
-const WATER_LEVEL: u32 = 1;
+pub(crate) const WATER_LEVEL: u32 = 1;
 
 /// Rows of the instance table by the group they belong to.
 fn rows_by_group(instances: &Instances) -> BTreeMap<u32, Vec<usize>> {
@@ -304,6 +317,7 @@ struct Assembly {
     /// Placements so far.
     placements: u64,
     materials: Vec<Material>,
+    material_names: Vec<String>,
     /// How each of the materials is painted, if it is.
     brushes: Vec<Option<Brush>>,
     /// Materials by species and name, with their numbers.
@@ -337,6 +351,7 @@ impl Assembly {
             plants: Vec::new(),
             placements: 0,
             brushes: vec![None; materials.len()],
+            material_names: ["ground", "water"].map(str::to_string).to_vec(),
             known: BTreeMap::new(),
             materials,
             gallery: Gallery::default(),
@@ -499,6 +514,7 @@ impl Assembly {
             let texture = brush.map(|brush| brush.texture);
             self.materials.push(Material { texture, ..model::material(source, species) });
             self.brushes.push(brush);
+            self.material_names.push(format!("{} {}", model.name, source.name));
         }
         Ok(numbers)
     }
@@ -888,6 +904,50 @@ mod tests {
         }
         [row(2, 1), row(2, 1), row(3, 2), row(3, 1)].into_iter().for_each(|r| instances.push(r));
         (layers, instances)
+    }
+
+    #[test]
+    fn a_scene_in_plain_data_has_every_triangle_where_it_stands() {
+        let (terrain, instances) = wood();
+        let parts = Parts {
+            terrain: &terrain,
+            palette: &palette(),
+            instances: &instances,
+            prototypes: &Models(plant()),
+            objects: &[],
+            species: &["stick".to_string()],
+            sky_pictures: SkyPictures::default(),
+        };
+        let scene = Scene::build(&parts, &Sky::clear_day(), &Silent).unwrap();
+        let portable = scene.portable(&table("")).unwrap();
+        let mut found = Vec::new();
+        for place in &portable.places {
+            let rows = place.scene_from_piece.map(glam::Vec4::from);
+            let carried =
+                |p: [f32; 3]| Vec3::from_array(rows.map(|row| row.dot(Vec3::from(p).extend(1.0))));
+            for mesh in portable.meshes(place.piece) {
+                assert!(mesh.is_sound(portable.finishes.len()));
+                let corner = |&i: &u32| carried(mesh.positions[i as usize]);
+                found.extend(mesh.triangles.iter().map(|t| t.iter().map(corner).sum::<Vec3>()));
+            }
+        }
+        let levels = [scene.solid, scene.water].map(|level| scene.levels.triangles(level));
+        let mut expected = Vec::new();
+        for triangle in levels.concat() {
+            let [a, b, c] = triangle.corners;
+            expected.push(a + b + c);
+            expected.extend(triangle.is_half.then_some(b + c - a + b + c));
+        }
+        assert_eq!(found.len() as u128, scene.statistics().instanced_primitives);
+        let sorted = |mut list: Vec<Vec3>| {
+            let key = |p: &Vec3| p.to_array().map(|c| (16.0 * c).round() as i64);
+            list.sort_by_key(key);
+            list
+        };
+        let far = |(a, b): (&Vec3, &Vec3)| !a.abs_diff_eq(*b, 0.2);
+        let (found, expected) = (sorted(found), sorted(expected));
+        assert_eq!(found.len(), expected.len());
+        assert!(found.iter().zip(&expected).filter(|pair| far(*pair)).count() < found.len() / 100);
     }
 
     #[test]

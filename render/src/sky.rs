@@ -19,7 +19,7 @@ const WIDTH: usize = 256;
 const HEIGHT: usize = 64;
 
 /// Half the apparent diameter of the sun, 0.533° at the mean distance, radians.
-const SUN_RADIUS: f64 = 0.533 / 2.0 * std::f64::consts::PI / 180.0;
+pub(crate) const SUN_RADIUS: f64 = 0.533 / 2.0 * std::f64::consts::PI / 180.0;
 
 /// Solar illuminance outside the atmosphere, klx [IESNA00].
 const SOLAR_ILLUMINANCE: f64 = 133.3;
@@ -293,6 +293,11 @@ impl Dome {
         }
         dome.table = table;
         dome
+    }
+
+    /// Columns of the table.
+    pub fn columns(&self) -> usize {
+        self.layout.columns()
     }
 
     /// Irradiance of the sky without sun on level ground.

@@ -45,6 +45,19 @@ impl Ripples {
         Self { waves: (0..9).map(wave).collect() }
     }
 
+    /// Roughness of a Beckmann distribution of facets with the slopes of the ripples: the root of
+    /// their mean square [Beckmann63], that of gusts taken over the whole surface.
+    pub fn roughness(&self) -> f32 {
+        let side = 200;
+        let square = |i: usize| {
+            // Steps that no wave is a multiple of.
+            let n = self.normal(0.37 * (i % side) as f32, 0.53 * (i / side) as f32);
+            (n.x * n.x + n.y * n.y) / (n.z * n.z)
+        };
+        let sum: f32 = (0..side * side).map(square).sum();
+        (sum / (side * side) as f32).sqrt()
+    }
+
     /// Unit normal of the rippled surface at a place.
     pub fn normal(&self, x: f32, y: f32) -> Vec3 {
         // Ripples come in patches: gusts touch the water here and not there.

@@ -600,17 +600,38 @@ fn numbers<const N: usize>(text: &str) -> Result<[f64; N], String> {
 #[command(after_long_help = "\
 Examples:
   weald export plants/0003.glb --flatten -o aspen.glb    for viewers without instancing
-  weald export population.parquet -o population.csv")]
+  weald export population.parquet -o population.csv
+  weald export scenes/pond --to mitsuba -o pond          from the files in out/pond
+  mitsuba pond/scene.xml                                 writes pond/scene.exr")]
 pub struct Export {
-    /// A plant model or a table.
-    #[arg(value_name = "FILE", value_hint = ValueHint::FilePath)]
+    /// A plant model, a table, or a scene with `--to`.
+    #[arg(value_name = "FILE|SCENE", value_hint = ValueHint::AnyPath)]
     pub file: PathBuf,
     /// Write every leaf as triangles of its own.
     #[arg(long)]
     pub flatten: bool,
-    /// The file to write; its ending chooses the form.
-    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    /// Write a scene for another renderer: mitsuba.
+    #[arg(long, value_name = "RENDERER", conflicts_with = "flatten", value_parser = renderer)]
+    pub to: Option<weald_run::export::Renderer>,
+    /// Folder that holds terrain/, palette.toml, instances.parquet and plants/ [default: out/NAME].
+    #[arg(long, value_name = "FOLDER", requires = "to", value_hint = ValueHint::DirPath)]
+    pub from: Option<PathBuf>,
+    /// The view of the camera, instead of the scene's.
+    #[arg(long, value_name = "NAME", requires = "to")]
+    pub view: Option<String>,
+    /// Change a field of the scene for this time: `--set sky.sun_elevation_deg=12`.
+    #[arg(long, value_name = "FIELD=VALUE", requires = "to")]
+    pub set: Vec<String>,
+    /// The file to write, whose ending chooses the form, or the folder of a scene.
+    #[arg(long, short, value_name = "PATH", value_hint = ValueHint::AnyPath)]
     pub output: PathBuf,
+}
+
+/// A renderer by its word.
+fn renderer(word: &str) -> Result<weald_run::export::Renderer, String> {
+    use weald_run::export::Renderer;
+    let found = [Renderer::Mitsuba].into_iter().find(|renderer| renderer.word() == word);
+    found.ok_or_else(|| "mitsuba is the one there is".to_string())
 }
 
 /// `weald bench`.

@@ -75,6 +75,9 @@ pub fn run(args: &Args) -> Result<ExitCode> {
         Command::Compare(compare) => compare_two(compare, global),
         Command::Preview(preview) => draw(preview, global),
         Command::Analyze(analyze) => statistics(analyze, global),
+        Command::Export(arguments) if arguments.to.is_some() => {
+            one_stage(global, |shown| export_scene(arguments, global, shown))
+        }
         Command::Export(arguments) => {
             let options = export::Options { flatten: arguments.flatten };
             export::export(&arguments.file, &arguments.output, options)?;
@@ -391,16 +394,30 @@ fn render_alone(arguments: &args::Render, global: &Global, shown: &Shown) -> Res
     let mut wanted = arguments.scene.clone();
     wanted.set.extend(shortcuts.into_iter().flatten());
     let scene = load(&wanted, global)?;
+    let paths = render_paths(&scene, arguments.from.as_deref(), &arguments.output);
+    alone::render(&scene, &paths, arguments.draft, shown)
+}
+
+fn export_scene(arguments: &args::Export, global: &Global, shown: &Shown) -> Result<Made> {
+    let mut set = arguments.set.clone();
+    set.extend(arguments.view.as_ref().map(|view| format!("render.view={view:?}")));
+    let scene = load(&SceneArgs { scene: arguments.file.clone(), set }, global)?;
+    let paths = render_paths(&scene, arguments.from.as_deref(), &arguments.output);
+    let renderer = arguments.to.unwrap_or(export::Renderer::Mitsuba);
+    export::scene(&scene, &paths, renderer, &arguments.output, shown)
+}
+
+/// Where the files of a run lie that a picture is made from.
+fn render_paths(scene: &Scene, from: Option<&Path>, image: &Path) -> RenderPaths {
     let default = || Path::new("out").join(&scene.name);
-    let layout = weald_run::Layout { out: arguments.from.clone().unwrap_or_else(default) };
-    let paths = RenderPaths {
+    let layout = weald_run::Layout { out: from.map_or_else(default, Path::to_path_buf) };
+    RenderPaths {
         terrain: layout.terrain(),
         palette: layout.palette(),
         instances: layout.instances(),
         plants: layout.plants(),
-        image: arguments.output.clone(),
-    };
-    alone::render(&scene, &paths, arguments.draft, shown)
+        image: image.to_path_buf(),
+    }
 }
 
 fn paint(arguments: &args::Canvas, global: &Global) -> Result<ExitCode> {

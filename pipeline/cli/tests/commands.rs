@@ -249,6 +249,86 @@ fn previews_exports_and_canvases_are_written() {
     assert!(tiny.path("scene/inputs/density.png").is_file());
 }
 
+/// Every value of an attribute in an XML text.
+fn values<'a>(xml: &'a str, attribute: &str) -> Vec<&'a str> {
+    let start = format!("{attribute}=\"");
+    xml.split(&start).skip(1).filter_map(|rest| rest.split('"').next()).collect()
+}
+
+/// Whether all tags of an XML text without processing instructions are closed in turn.
+fn is_well_formed(xml: &str) -> bool {
+    let mut open: Vec<&str> = Vec::new();
+    let mut rest = xml;
+    while let Some((_, from)) = rest.split_once('<') {
+        if let Some(comment) = from.strip_prefix("!--") {
+            let Some((text, after)) = comment.split_once("-->") else { return false };
+            if text.contains("--") {
+                return false;
+            }
+            rest = after;
+            continue;
+        }
+        let Some((tag, after)) = from.split_once('>') else { return false };
+        rest = after;
+        let name = tag.split([' ', '/']).find(|part| !part.is_empty()).unwrap_or("");
+        if tag.matches('"').count() % 2 == 1 || tag.contains(['<', '&']) {
+            return false;
+        }
+        match (tag.starts_with('/'), tag.ends_with('/')) {
+            (true, _) if open.pop() != Some(name) => return false,
+            (false, false) => open.push(name),
+            _ => {}
+        }
+    }
+    open.is_empty() && !rest.contains('>')
+}
+
+#[test]
+fn a_scene_is_written_for_mitsuba_with_every_file_that_it_names() {
+    let tiny = Tiny::new();
+    tiny.done("run scene -o out");
+    let told = tiny.done("export scene --to mitsuba --from out -o theirs --json --set sky.haze=0");
+    let told: serde_json::Value = serde_json::from_str(&told.out).expect("JSON");
+    let xml = tiny.read("theirs/scene.xml");
+    assert!(is_well_formed(&xml), "{}", &xml[..2000]);
+    assert!(!is_well_formed(&xml.replacen("</scene>", "", 1)));
+    for file in values(&xml, "filename\" value") {
+        assert!(tiny.path("theirs").join(file).is_file(), "{file} is not there");
+    }
+    let ids = values(&xml, " id");
+    assert!(xml.split("<ref id=\"").skip(1).all(|r| ids.contains(&r.split('"').next().unwrap())));
+    // What stands in many places is an instance, what stands once a mesh or a few.
+    let places = told["report"]["places"].as_u64().expect("a number") as usize;
+    let instances = xml.matches("<shape type=\"instance\">").count();
+    let groups = xml.matches("<shape type=\"shapegroup\"").count();
+    let pieces = told["report"]["pieces"].as_u64().expect("a number") as usize;
+    assert_eq!(places - instances, pieces - groups);
+    assert!(instances > 20 && groups > 2, "{instances} instances of {groups} groups");
+    let aspens = tiny.read("out/palette.toml").matches("species = \"aspen\"").count();
+    assert!(groups >= aspens, "{groups} groups, {aspens} aspens");
+    assert!(xml.contains("type=\"envmap\"") && xml.contains("id=\"sun\""));
+
+    let before = bytes_below(&tiny.path("theirs"));
+    tiny.done("export scene --to mitsuba --from out -o again --threads 1 --set sky.haze=0");
+    assert!(before == bytes_below(&tiny.path("again")), "one thread wrote other bytes");
+
+    for (wrong, said) in [
+        ("export scene -o x", "--to mitsuba"),
+        ("export scene --to povray -o x", "mitsuba"),
+        ("export scene --to mitsuba --from nowhere -o x", "nowhere"),
+        ("export scene --to mitsuba --from out --view bnak -o x", "bank"),
+        ("export scene --to mitsuba --from out -o scene/scene.toml", "is a file"),
+        (
+            "export scene --to mitsuba --from out --set view[0].projection=\"panorama\" -o x",
+            "panorama",
+        ),
+    ] {
+        let answer = tiny.weald(wrong);
+        assert_eq!(answer.code, 2, "{wrong}: {}", answer.err);
+        assert!(answer.err.contains(said), "{wrong}: {}", answer.err);
+    }
+}
+
 #[test]
 fn a_new_scene_has_nothing_wrong_and_is_not_overwritten() {
     let tiny = Tiny::new();

@@ -1,9 +1,23 @@
 //! Our files for programs that want them otherwise: `weald export`.
 
+mod mitsuba;
+
 use crate::error::{Error, Result};
 use crate::files::{self, FileKind};
+use crate::make::{self, Assembled, Made, RenderPaths};
+use crate::recipe::Stage;
+use crate::scene::Scene;
 use std::path::Path;
+use weald_contract::{Progress, Projection};
 use weald_formats::Provenance;
+
+weald_contract::words! {
+    /// A renderer that scenes are written for.
+    pub enum Renderer {
+        /// Mitsuba 3.
+        Mitsuba = "mitsuba",
+    }
+}
 
 /// How to export.
 #[derive(Clone, Copy, Debug, Default)]
@@ -36,13 +50,60 @@ pub fn export(path: &Path, to: &Path, options: Options) -> Result<()> {
             weald_formats::write_table(to, &weald_formats::read_table(path)?, &story)?;
         }
         kind => {
-            return Err(Error::plain(
-                format!("{} is {}, which has no other form", path.display(), kind.describe()),
-                "export takes plant models (.glb) and tables (.parquet, .csv)",
-            ));
+            let hint = match kind {
+                FileKind::Scene => "`--to mitsuba -o FOLDER` writes a scene for another renderer",
+                _ => "export takes plant models (.glb), tables (.parquet, .csv) and scenes",
+            };
+            let what =
+                format!("{} is {}, which has no other form", path.display(), kind.describe());
+            return Err(Error::plain(what, hint));
         }
     }
     Ok(())
+}
+
+/// Writes a scene, from the files of a run, for another renderer into a folder.
+///
+/// # Errors
+/// The view is one that the renderer lacks, a file is damaged, or the disk refuses.
+pub fn scene(
+    scene: &Scene,
+    paths: &RenderPaths,
+    renderer: Renderer,
+    folder: &Path,
+    progress: &dyn Progress,
+) -> Result<Made> {
+    let view = scene.wanted_view()?;
+    if view.projection == Projection::Panorama {
+        let what =
+            format!("the view `{}` is a panorama, for which Mitsuba has no camera", view.name);
+        return Err(Error::plain(what, "`--view NAME` takes another one"));
+    }
+    if folder.is_file() {
+        let what = format!("{} is a file", folder.display());
+        return Err(Error::plain(what, "a scene is a folder of files: `-o FOLDER`"));
+    }
+    let Assembled { built, view, config, inputs, .. } =
+        make::assemble(scene, paths, false, progress)?;
+    let portable = built.portable(&config).map_err(|error| Error::Stage {
+        stage: Stage::Render.word(),
+        message: error.to_string(),
+    })?;
+    let story = Provenance {
+        stage: "export".into(),
+        ..make::provenance(scene, Stage::Render, false, inputs)
+    };
+    let eye = built.eye(view, &config);
+    let mitsuba::Written { files, report } = match renderer {
+        Renderer::Mitsuba => mitsuba::write(&portable, &eye, &config, folder, &story, progress)?,
+    };
+    let words = match portable.haze() {
+        0.0 => String::new(),
+        _ => {
+            "the haze of the air is left out; `--set sky.haze=0` renders without it here too".into()
+        }
+    };
+    Ok(Made { files, report, words })
 }
 
 /// The story of a file that another program made.

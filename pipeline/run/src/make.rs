@@ -18,6 +18,7 @@ pub use ecosim::{EcosimPaths, ecosim};
 pub use levels::{Leveled, Pixels, level};
 pub use plants::{Growing, grow_coarse, grow_one, model_file, plant_file, plants, skeleton_of};
 pub use quantize::{Quantizing, quantize};
+pub(crate) use render::{Assembled, assemble};
 pub use render::{RenderPaths, render, species_names};
 pub use terrain::{named_layers, terrain};
 pub(crate) use twigs::SharedTwigs;
@@ -123,7 +124,8 @@ fn file_name(path: &Path) -> String {
     path.file_name().map_or_else(String::new, |name| name.to_string_lossy().into_owned())
 }
 
-fn make_folder(path: &Path) -> Result<()> {
+/// Makes a folder and those around it.
+pub(crate) fn make_folder(path: &Path) -> Result<()> {
     std::fs::create_dir_all(path).map_err(|error| Error::system(path, error))
 }
 

@@ -8,7 +8,7 @@ use super::split::{Pieces, split};
 use super::tight::Nodes;
 use crate::paint::Charts;
 use crate::primitive::Face;
-use glam::{Mat3A, Vec3, Vec3A};
+use glam::{Mat3A, Quat, Vec3, Vec3A};
 
 /// A triangle before it is packed, or the parallelogram that it is half of.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +28,7 @@ pub(crate) struct Block {
     pub edge_1: [[f32; 8]; 3],
     pub edge_2: [[f32; 8]; 3],
     /// Index of each triangle's face; [`HALF`] is set where the parallelogram is meant, [`CUT`]
-    /// where a texture decides whether there is anything.
+    /// where a texture decides whether there is anything, [`AGAIN`] where another lane has it too.
     pub face: [u32; 8],
 }
 
@@ -38,8 +38,11 @@ pub(crate) const HALF: u32 = 1 << 31;
 /// Bit of a face's index that says that parts of it are cut out.
 pub(crate) const CUT: u32 = 1 << 30;
 
+/// Bit of a face's index that marks the further pieces of a triangle that hangs in several leaves.
+const AGAIN: u32 = 1 << 29;
+
 /// The face's index itself.
-pub(crate) const FACE: u32 = CUT - 1;
+pub(crate) const FACE: u32 = AGAIN - 1;
 
 /// A placement: scaled, then rotated, then moved. 28 bytes; scenes have millions.
 #[derive(Clone, Copy, Debug)]
@@ -207,7 +210,8 @@ impl Block {
         (pick(&self.edge_1), pick(&self.edge_2))
     }
 
-    /// The triangles inside. Lanes are filled from the first on, and each face is used once.
+    /// The triangles inside, but for further pieces. Lanes are filled from the first on, and each
+    /// face is used once.
     fn unpack(&self, faces: &[Face]) -> Vec<Triangle> {
         let number = |lane: usize| self.face[lane] & FACE;
         let is_used = |&lane: &usize| lane == 0 || number(lane) > number(lane - 1);
@@ -218,12 +222,14 @@ impl Block {
             let is_half = self.face[lane] & HALF != 0;
             Triangle { corners, face: faces[number(lane) as usize], is_half }
         };
-        (0..BLOCK_SIZE).take_while(is_used).map(triangle).collect()
+        let is_first = |&lane: &usize| self.face[lane] & AGAIN == 0;
+        (0..BLOCK_SIZE).take_while(is_used).filter(is_first).map(triangle).collect()
     }
 
-    fn pack(triangles: impl Iterator<Item = (Triangle, u32)>) -> Self {
+    /// A block of triangles, the index of the face of each, and whether it is a further piece.
+    fn pack(triangles: impl Iterator<Item = (Triangle, u32, bool)>) -> Self {
         let mut block = EMPTY_BLOCK;
-        for (lane, (triangle, face)) in triangles.enumerate() {
+        for (lane, (triangle, face, is_again)) in triangles.enumerate() {
             let [a, b, c] = triangle.corners;
             for axis in 0..3 {
                 block.corner[axis][lane] = a[axis];
@@ -232,7 +238,8 @@ impl Block {
             }
             let flag = |is_set: bool, bit: u32| if is_set { bit } else { 0 };
             let cut = flag(triangle.face.is_cut(), CUT);
-            block.face[lane] = face | flag(triangle.is_half, HALF) | cut;
+            let again = flag(is_again, AGAIN);
+            block.face[lane] = face | flag(triangle.is_half, HALF) | cut | again;
         }
         block
     }
@@ -263,6 +270,12 @@ impl Instance {
         let turn = |v: Vec3| rotate(axis, -w, gain, v) * shrink;
         let origin = turn(ray.origin - Vec3::from_array(self.position));
         LocalRay::new(origin, turn(ray.direction))
+    }
+
+    /// Turn, scale and position of what is placed.
+    pub fn pose(&self) -> (Quat, f32, Vec3) {
+        let turn = Quat::from_array(self.rotation.map(f32::from)).normalize();
+        (turn, self.scale, Vec3::from_array(self.position))
     }
 
     /// Its scale.
@@ -329,12 +342,15 @@ impl Level {
             next += count;
             (first, count, next - count)
         });
+        let mut is_packed = vec![false; triangles.len()];
         let blocks = starts
             .map(|(first, count, face)| {
                 let items = &tree.order[first as usize..(first + count) as usize];
-                Block::pack(
-                    items.iter().map(|&item| triangles[owners[item as usize] as usize]).zip(face..),
-                )
+                Block::pack(items.iter().zip(face..).map(|(&item, face)| {
+                    let owner = owners[item as usize] as usize;
+                    let is_again = std::mem::replace(&mut is_packed[owner], true);
+                    (triangles[owner], face, is_again)
+                }))
             })
             .collect();
         let count = triangles.iter().map(Triangle::count).sum();
@@ -443,6 +459,26 @@ impl Level {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use weald_contract::Seed;
+
+    #[test]
+    fn a_triangle_that_hangs_in_several_leaves_comes_back_once() {
+        // Needles aslant are cut into pieces.
+        let mut chance = Seed(8).stream("needles", 0);
+        let mut point = |reach: f64| Vec3::from([0; 3].map(|_| chance.around(0.0, reach) as f32));
+        let needles: Vec<Triangle> = (0..500)
+            .map(|_| {
+                let (a, along, aside) = (point(1.0), point(1.0), point(0.01));
+                Triangle::new([a, a + along, a + aside], Face::new([Vec3::Z; 3], 0))
+            })
+            .collect();
+        let level = Level::mesh(&needles);
+        let Content::Mesh { faces, .. } = &level.content else { panic!("it is a mesh") };
+        assert!(faces.len() > 550, "{} pieces", faces.len());
+        let back = level.triangles(&[]);
+        assert_eq!(back.len(), 500);
+        assert_eq!(Level::mesh(&back).triangle_count(&[]), 500);
+    }
 
     #[test]
     fn numbers_of_plants_come_back_in_whatever_form_they_are_kept() {

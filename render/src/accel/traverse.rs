@@ -2,7 +2,7 @@
 
 use super::Bounds;
 use super::lanes::{LEAF, LaneHits, Lanes, LocalRay, Portable};
-use super::level::{Block, CUT, Content, FACE, Instance, Level, Part};
+use super::level::{Block, CUT, Content, FACE, Instance, Level, Part, Triangle};
 use super::tight::{Branch, Nodes};
 use crate::paint::Paints;
 use crate::primitive::Face;
@@ -136,6 +136,26 @@ impl Levels {
     pub fn portable(mut self) -> Self {
         self.has_avx2 = false;
         self
+    }
+
+    /// Number of levels.
+    pub fn len(&self) -> usize {
+        self.list.len()
+    }
+
+    /// What the leaves of a level hold.
+    pub fn content(&self, level: u32) -> &Content {
+        &self.list[level as usize].content
+    }
+
+    /// Triangles of a level, each at every place.
+    pub fn count(&self, level: u32) -> u128 {
+        self.list[level as usize].triangle_count(&self.list)
+    }
+
+    /// All triangles of a level, brought to where its placements put them.
+    pub fn triangles(&self, level: u32) -> Vec<Triangle> {
+        self.list[level as usize].triangles(&self.list)
     }
 
     /// The smallest box around a level.

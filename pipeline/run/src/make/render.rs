@@ -15,7 +15,7 @@ use crate::scene::{Scene, SceneInput};
 use serde_json::{Value as Json, json};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use weald_contract::{Image, InputKind, Layers, Palette, Picture, Problem, Progress};
+use weald_contract::{Image, InputKind, Layers, Palette, Picture, Problem, Progress, View};
 use weald_formats::{Parent, Provenance};
 
 /// What render reads and writes.
@@ -45,6 +45,57 @@ pub fn render(
     progress: &dyn Progress,
 ) -> Result<Made> {
     let stage = Stage::Render;
+    // Before the work, so that none is lost when it is not there.
+    let denoiser = scene.render.denoise.then(Denoiser::load).transpose()?;
+    let assembled = assemble(scene, paths, is_draft, progress)?;
+    let Assembled { built, view, config, counts, inputs } = assembled;
+    provenance.inputs.extend(inputs);
+    let film = weald_render::render(&built, view, &config, stage_seed(scene, stage), progress)
+        .map_err(stage_error!(&scene.sources, stage, weald_render))?;
+
+    let mut made = Made::default();
+    make_folder_of(&paths.image)?;
+    let mut picture = film.picture();
+    if let Some(denoiser) = denoiser {
+        denoiser.denoise(&mut picture)?;
+    }
+    weald_formats::write_picture(&paths.image, &picture, &provenance)?;
+    made.wrote(&paths.image)?;
+    let rgb = weald_render::tone_map(&picture, config.exposure);
+    let sketch = Sketch { width: picture.width, height: picture.height, rgb };
+    made.preview(&paths.image.with_extension("png"), &sketch, &provenance)?;
+    made.report = json!({ "scene": statistics(built.statistics()), "film": film.statistics() });
+    if !scene.plants.levels.is_empty() {
+        made.report["levels"] = json!(counts);
+    }
+    Ok(made)
+}
+
+/// A scene put together from the files of a run, to be rendered or written for others to render.
+pub(crate) struct Assembled<'a> {
+    /// The scene.
+    pub built: weald_render::Scene,
+    /// The view that `[render]` names.
+    pub view: &'a View,
+    /// `[render]`, or what a draft makes of it.
+    pub config: weald_render::Config,
+    /// Placements at each level of detail.
+    counts: Vec<u64>,
+    /// The files that it was made from.
+    pub inputs: Vec<Parent>,
+}
+
+/// Opens the files of a run and puts them together.
+///
+/// # Errors
+/// A file is damaged, the stage refuses, or the caller asked to stop.
+pub(crate) fn assemble<'a>(
+    scene: &'a Scene,
+    paths: &RenderPaths,
+    is_draft: bool,
+    progress: &dyn Progress,
+) -> Result<Assembled<'a>> {
+    let stage = Stage::Render;
     let error = || stage_error!(&scene.sources, stage, weald_render);
     let terrain = whole_terrain(&paths.terrain)?;
     let palette = weald_formats::read_palette(&paths.palette)?;
@@ -53,15 +104,16 @@ pub fn render(
         let message = format!("{}: {}", paths.instances.display(), problem.message);
         Error::wrong(&scene.sources, Problem { message, ..problem })
     })?;
-    provenance.inputs.extend([parent(&paths.terrain)?, parent(&paths.palette)?]);
-    // The instances came with the palette: their story is told once.
-    provenance.inputs.push(Parent { provenance: None, ..parent(&paths.instances)? });
-    provenance.inputs.push(plants_parent(scene, &paths.plants, &palette)?);
+    let inputs = vec![
+        parent(&paths.terrain)?,
+        parent(&paths.palette)?,
+        // The instances came with the palette: their story is told once.
+        Parent { provenance: None, ..parent(&paths.instances)? },
+        plants_parent(scene, &paths.plants, &palette)?,
+    ];
 
     let view = scene.wanted_view()?;
     let config = render_config(scene, is_draft);
-    // Before the work, so that none is lost when it is not there.
-    let denoiser = config.denoise.then(Denoiser::load).transpose()?;
     let pixels = Pixels::new(view, &view.sight(&terrain), config.resolution[0]);
     let levels = &scene.plants.levels;
     let leveled = level(&palette, &instances, levels, |name| !has_levels(scene, name), &pixels);
@@ -91,27 +143,7 @@ pub fn render(
         progress,
     )
     .map_err(error())?;
-    // The scene holds all that is needed of them.
-    drop((instances, prototypes, objects));
-    let film = weald_render::render(&built, view, &config, stage_seed(scene, stage), progress)
-        .map_err(error())?;
-
-    let mut made = Made::default();
-    make_folder_of(&paths.image)?;
-    let mut picture = film.picture();
-    if let Some(denoiser) = denoiser {
-        denoiser.denoise(&mut picture)?;
-    }
-    weald_formats::write_picture(&paths.image, &picture, &provenance)?;
-    made.wrote(&paths.image)?;
-    let rgb = weald_render::tone_map(&picture, config.exposure);
-    let sketch = Sketch { width: picture.width, height: picture.height, rgb };
-    made.preview(&paths.image.with_extension("png"), &sketch, &provenance)?;
-    made.report = json!({ "scene": statistics(built.statistics()), "film": film.statistics() });
-    if !levels.is_empty() {
-        made.report["levels"] = json!(counts);
-    }
-    Ok(made)
+    Ok(Assembled { built, view, config, counts, inputs })
 }
 
 /// A scene's statistics as JSON; counts through all levels may pass 64 bits and then become a

@@ -231,7 +231,8 @@ table! {
         branches: u32 = 12, in 0.0..=1000000.0;
         /// Endpoints placed by hand, besides.
         endpoints: Written<Vec<[f32; 3]>> = Default::default();
-        /// Depth below the surface of the crown down to which endpoints lie; by default anywhere.
+        /// Depth below the surface of the crown (of sectors, the round one) down to which endpoints
+        /// lie; by default anywhere.
         shell: Option<f32> = None, in 0.0..=1e6;
         /// Balls that the crown is made of; its endpoints are shared out evenly among them.
         refine: Option<Refine> = None;

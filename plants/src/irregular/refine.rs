@@ -3,7 +3,7 @@
 use super::Irregular;
 use super::nodes::{Nodes, Scatter};
 use super::space::{COMMON, Piece, Space, Union};
-use crate::volume::{self, Ball, Cone, Solid};
+use crate::volume::{Ball, Cone, Solid};
 use glam::Vec3;
 use std::borrow::Cow;
 use weald_contract::Seed;
@@ -68,8 +68,23 @@ impl<'a> First<'a> {
 
     /// Whether an endpoint may lie at a place: in a crown, and at most `shell` below its surface.
     pub(super) fn allows(&self, crown: usize, place: Vec3, shell: Option<f32>) -> bool {
-        let depth = -volume::distance(&self.crowns[crown], place);
-        depth >= 0.0 && shell.is_none_or(|shell| depth <= shell)
+        let solids = &self.crowns[crown];
+        let Some(shell) = shell else { return solids.iter().any(|solid| solid.contains(place)) };
+        let depth =
+            solids.iter().map(|solid| depth(solid, place)).fold(f32::NEG_INFINITY, f32::max);
+        (0.0..=shell).contains(&depth)
+    }
+}
+
+/// Depth of a place below the surface of a solid, negative outside.
+///
+/// Of a sector the round surface counts: its shell lies between an outer and an inner ball.
+fn depth(solid: &Solid, place: Vec3) -> f32 {
+    match solid {
+        Solid::Sector(sector) if solid.contains(place) => {
+            sector.radius - place.distance(Vec3::from_array(sector.center))
+        }
+        _ => -solid.distance(place),
     }
 }
 

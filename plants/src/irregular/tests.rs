@@ -353,8 +353,8 @@ fn endpoints_keep_to_the_shell() {
     let form = mushroom("branches = 60\nshell = 0.5");
     let tree = tree(&form);
     for end in &tree.endpoints {
-        let depth = -volume::distance(&form.crown, tree.places[end.node as usize]);
-        assert!((0.0..=0.5).contains(&depth), "{depth}");
+        let away = tree.places[end.node as usize].distance(Vec3::new(0.0, 0.0, 4.0));
+        assert!((3.5..=4.0001).contains(&away), "{away}");
     }
 }
 

@@ -1,11 +1,12 @@
 //! Plants: trees that organize themselves, and trees of least-cost paths, at sizes up to those of
 //! the papers.
 
-use super::{Figure, Size, best, table, wrong};
+use super::{Figure, Size, Time, best, table, wrong};
 use crate::error::Result;
-use weald_contract::Seed;
+use weald_contract::{FromToml, Seed, Value};
 use weald_plants::irregular::Irregular;
 use weald_plants::self_organizing::{Garden, SelfOrganizing};
+use weald_plants::{Form, Stature};
 
 /// Times of growing trees. The largest take seconds each, so they run once.
 pub(super) fn figures(size: &Size, quick: bool) -> Result<Vec<Figure>> {
@@ -33,6 +34,60 @@ pub(super) fn figures(size: &Size, quick: bool) -> Result<Vec<Figure>> {
     for &(first, further, nodes) in levels {
         figures.push(many_graphs(size, first, further, nodes)?);
     }
+    let trees = if quick { &TABLE_2[..2] } else { &TABLE_2 };
+    figures.extend(table_2(size, trees)?);
+    Ok(figures)
+}
+
+/// The trees of Xu and Mould's table 2: file, and the seconds that theirs took.
+const TABLE_2: [(&str, &str, f64); 15] = [
+    ("a", include_str!("../../../../scenes/species/irregular/a.toml"), 6.4),
+    ("b", include_str!("../../../../scenes/species/irregular/b.toml"), 7.0),
+    ("c", include_str!("../../../../scenes/species/irregular/c.toml"), 13.4),
+    ("d", include_str!("../../../../scenes/species/irregular/d.toml"), 5.6),
+    ("e", include_str!("../../../../scenes/species/irregular/e.toml"), 7.5),
+    ("f", include_str!("../../../../scenes/species/irregular/f.toml"), 3.0),
+    ("g", include_str!("../../../../scenes/species/irregular/g.toml"), 2.1),
+    ("h", include_str!("../../../../scenes/species/irregular/h.toml"), 0.7),
+    ("i", include_str!("../../../../scenes/species/irregular/i.toml"), 3.2),
+    ("j", include_str!("../../../../scenes/species/irregular/j.toml"), 9.6),
+    ("k", include_str!("../../../../scenes/species/irregular/k.toml"), 3.3),
+    ("l", include_str!("../../../../scenes/species/irregular/l.toml"), 1.3),
+    ("m", include_str!("../../../../scenes/species/irregular/m.toml"), 6.8),
+    ("n", include_str!("../../../../scenes/species/irregular/n.toml"), 6.7),
+    ("o", include_str!("../../../../scenes/species/irregular/o.toml"), 4.8),
+];
+
+/// These trees, from graphs to bare skeletons, and all together.
+fn table_2(size: &Size, trees: &[(&str, &str, f64)]) -> Result<Vec<Figure>> {
+    let stature =
+        Stature { height: 10.0, radius: 4.0, stem_radius: 0.2, maturity: 1.0, vigor: 1.0 };
+    let (mut figures, mut all) = (Vec::new(), Time { seconds: 0.0, cpu_seconds: 0.0 });
+    for (name, text, theirs) in trees {
+        let species: Value =
+            Value::parse(0, text).map_err(|problems| wrong(format!("{problems:?}")))?;
+        let form = species.as_table().and_then(|table| table.get("form"));
+        let mut problems = Vec::new();
+        let form = form.and_then(|form| Form::from_toml(form, &mut problems));
+        let Some(Form::Irregular(mut form)) = form else {
+            return Err(wrong(format!("tree {name}: {problems:?}")));
+        };
+        form.leaf.count = 0;
+        let (time, skeleton) = best(size, || form.grow(&stature, Seed(1)).map_err(wrong))?;
+        let (endpoints, nodes) = form.estimate();
+        let input = format!(
+            "tree {name}: {nodes:.0} nodes, {endpoints:.0} endpoints, {} axes; 2012: {theirs} s",
+            skeleton.axes.len()
+        );
+        all = Time {
+            seconds: all.seconds + time.seconds,
+            cpu_seconds: all.cpu_seconds + time.cpu_seconds,
+        };
+        figures.push(Figure::time("irregular, table 2", time, input).with(endpoints));
+    }
+    let theirs: f64 = trees.iter().map(|(.., seconds)| seconds).sum();
+    let input = format!("{} trees; 2012: {theirs:.1} s", trees.len());
+    figures.push(Figure::time("irregular, table 2 together", all, input));
     Ok(figures)
 }
 

@@ -26,7 +26,7 @@ pub struct Figure {
 /// The area between two curves over the same x.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Band {
-    /// In the legend.
+    /// In the legend; one without a label does not stand there.
     pub label: String,
     /// x, lower and upper y.
     pub rows: Vec<[f64; 3]>,
@@ -244,7 +244,8 @@ impl Figure {
         let series = self.series.iter();
         let series = series.map(|s| (s.label.as_str(), s.color, Some(s.style)));
         let mut shapes = Vec::new();
-        for (row, (label, color, style)) in bands.chain(series).enumerate() {
+        let labelled = bands.chain(series).filter(|(label, ..)| !label.is_empty());
+        for (row, (label, color, style)) in labelled.enumerate() {
             let y = MARGINS[1] + 8.0 + 18.0 * row as f64;
             let line = [[left, y], [left + 22.0, y]];
             shapes.push(match style {

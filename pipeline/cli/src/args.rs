@@ -107,7 +107,8 @@ pub struct SceneArgs {
     /// A scene's folder, or its TOML file.
     #[arg(value_name = "SCENE", value_hint = ValueHint::AnyPath)]
     pub scene: PathBuf,
-    /// Change a field for this time: `--set render.samples=16`, `--set ecosim.step[0].years=80`.
+    /// Change a field for this time: `--set render.samples=16`, `--set ecosim.step[0].years=80`,
+    /// `--set species.aspen.ecology.survival=0.5`.
     #[arg(long, value_name = "FIELD=VALUE")]
     pub set: Vec<String>,
 }
@@ -167,6 +168,11 @@ Examples:
   weald ecosim scenes/pond --terrain terrain -o population.parquet
   weald ecosim scenes/pond --terrain terrain --start field.csv -o grown.csv
 
+How far do twenty simulations differ, and how do they answer to shade tolerance?
+  weald ecosim scenes/pond --terrain terrain --replicates 20 -o runs
+  weald ecosim scenes/pond --terrain terrain --replicates 20 -o runs \\
+      --sweep species.aspen.ecology.survival=0.1..0.9:5
+
 A long simulation that may be stopped at any time, by Ctrl-C or a reboot:
   weald ecosim scenes/pond --terrain terrain --checkpoint pond.checkpoint -o population.parquet
 The same command goes on from what was saved; the files are those of a run without a stop.")]
@@ -180,9 +186,19 @@ pub struct Ecosim {
     /// A population to go on from.
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]
     pub start: Option<PathBuf>,
-    /// The population, `.parquet` or `.csv`.
-    #[arg(long, short, value_name = "FILE", value_hint = ValueHint::FilePath)]
+    /// The population, `.parquet` or `.csv`; of replicates and sweeps, the folder for their tables.
+    #[arg(long, short, value_name = "PATH", value_hint = ValueHint::AnyPath)]
     pub output: PathBuf,
+    /// Simulate so many times, with the seeds from the scene's upwards, and write how they differ.
+    #[arg(long, value_name = "NUMBER", conflicts_with = "checkpoint", value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub replicates: Option<u32>,
+    /// Simulate with each of these values of a field of `ecosim.` or `species.`: `FIELD=0.1..0.9:5`
+    /// for five even steps, or `FIELD=1,3,10`. May be given several times: all meet all.
+    #[arg(long, value_name = "FIELD=VALUES", conflicts_with = "checkpoint")]
+    pub sweep: Vec<weald_run::replicates::Sweep>,
+    /// Write the plants of every replicate too, as `plants-0000.parquet` and so on.
+    #[arg(long)]
+    pub keep_plants: bool,
     /// Save the state of the simulation in this file as it goes, and on Ctrl-C; go on from it if it
     /// is there. It is removed when all is done.
     #[arg(long, value_name = "FILE", value_hint = ValueHint::FilePath)]

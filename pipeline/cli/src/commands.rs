@@ -13,7 +13,7 @@ use weald_run::checkpoint::Saving;
 use weald_run::make::{EcosimPaths, Made, RenderPaths};
 use weald_run::{
     Changes, Error, Plan, Result, Scene, alone, analysis, bench, canvas, check, compare, execute,
-    export, info, preview, real, semantic, specimen, sweep, template, vectors,
+    export, info, preview, real, replicates, semantic, specimen, sweep, template, vectors,
 };
 
 /// Exit code of a comparison that found a difference.
@@ -272,6 +272,19 @@ fn times(files: &[PathBuf]) -> Vec<Option<SystemTime>> {
 }
 
 fn grow(arguments: &args::Ecosim, global: &Global, shown: &Shown) -> Result<Made> {
+    if arguments.replicates.is_some() || !arguments.sweep.is_empty() {
+        let request = replicates::Request {
+            scene: arguments.scene.scene.clone(),
+            changes: changes(&arguments.scene, global),
+            terrain: arguments.terrain.clone(),
+            start: arguments.start.clone(),
+            replicates: arguments.replicates.unwrap_or(1),
+            sweeps: arguments.sweep.clone(),
+            keep_plants: arguments.keep_plants,
+            folder: arguments.output.clone(),
+        };
+        return replicates::replicates(&request, shown);
+    }
     let scene = load(&arguments.scene, global)?;
     let paths = EcosimPaths {
         terrain: arguments.terrain.clone(),

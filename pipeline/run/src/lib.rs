@@ -33,6 +33,7 @@ pub mod prototypes;
 pub mod real;
 pub mod recipe;
 pub mod record;
+pub mod replicates;
 pub mod scene;
 pub mod semantic;
 pub mod specimen;

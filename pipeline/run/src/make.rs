@@ -15,6 +15,7 @@ mod terrain;
 mod twigs;
 
 pub use ecosim::{EcosimPaths, ecosim};
+pub(crate) use ecosim::{Opened, refusal};
 pub use levels::{Leveled, Pixels, level};
 pub use plants::{Growing, grow_coarse, grow_one, model_file, plant_file, plants, skeleton_of};
 pub use quantize::{Quantizing, quantize};

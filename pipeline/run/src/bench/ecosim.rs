@@ -81,7 +81,8 @@ pub(super) fn plant_steps(size: &Size, species: &BTreeMap<String, SceneSpecies>)
     let side = (f64::from(size.first_plants) * 10.0).sqrt() as usize;
     let terrain = plain(side);
     let text = format!(
-        "[[step]]\nkind = \"simulate\"\nspecies = [\"aspen\"]\nyears = {}\ninitial = {}\n",
+        "max_plants = 4000000000\n[[step]]\nkind = \"simulate\"\nspecies = [\"aspen\"]\nyears = {}\n\
+         initial = {}\n",
         size.years, size.first_plants
     );
     let config: weald_ecosim::Config = table(&text)?;

@@ -13,7 +13,8 @@ use serde_json::{Value as Json, json};
 use std::collections::BTreeMap;
 use std::ffi::OsStr;
 use std::path::{Path, PathBuf};
-use weald_contract::{Crs, Image, InputKind, Layers, Population, Problem, Progress};
+use std::sync::Arc;
+use weald_contract::{Crs, Frame, Image, InputKind, Layers, Population, Problem, Progress, Seed};
 use weald_ecosim::{Course, Outcome, Surroundings};
 use weald_formats::geotiff::BandRef;
 use weald_formats::{Column, Provenance, Table};
@@ -44,7 +45,9 @@ pub fn ecosim(
 ) -> Result<Made> {
     let opened = Opened::new(scene, &paths.terrain, paths.start.as_deref())?;
     let outcome = match &paths.saving {
-        None => opened.grow(scene, progress, Course::default()).map_err(refusal(scene))?,
+        None => opened
+            .grow(scene, stage_seed(scene, Stage::Ecosim), progress, Course::default())
+            .map_err(refusal(scene))?,
         Some(saving) => opened.grow_saving(scene, paths, saving, &provenance, progress)?,
     };
     provenance.inputs.push(parent(&paths.terrain)?);
@@ -57,30 +60,53 @@ pub fn ecosim(
 }
 
 /// Turns the stage's error into ours.
-fn refusal(scene: &Scene) -> impl Fn(weald_ecosim::Error) -> Error {
+pub(crate) fn refusal(scene: &Scene) -> impl Fn(weald_ecosim::Error) -> Error {
     stage_error!(&scene.sources, Stage::Ecosim, weald_ecosim)
 }
 
 /// All that a growth reads, opened.
-struct Opened {
-    terrain: Layers,
-    start: Option<Population>,
-    images: BTreeMap<String, Image>,
-    plants: BTreeMap<String, Population>,
+pub(crate) struct Opened {
+    terrain: Arc<Layers>,
+    start: Option<Arc<Population>>,
+    images: Arc<BTreeMap<String, Image>>,
+    plants: Arc<BTreeMap<String, Population>>,
 }
 
 impl Opened {
-    fn new(scene: &Scene, terrain: &Path, start: Option<&Path>) -> Result<Self> {
-        let terrain = whole_terrain(terrain)?;
-        let start = start.map(weald_formats::read_population).transpose()?;
-        check_maps(scene, &terrain.crs)?;
-        let images = images(scene, &scene.ecosim_inputs)?;
-        Ok(Self { terrain, start, images, plants: plants_of_tables(scene)? })
+    pub(crate) fn new(scene: &Scene, terrain: &Path, start: Option<&Path>) -> Result<Self> {
+        let terrain = Arc::new(whole_terrain(terrain)?);
+        let start = start.map(weald_formats::read_population).transpose()?.map(Arc::new);
+        Self::on(scene, terrain, start)
     }
 
-    fn grow(
+    /// Opens the files of another scene on the same ground; what is the same is shared.
+    pub(crate) fn like(&self, own: &Scene, other: &Scene) -> Result<Self> {
+        let Self { terrain, start, images, plants } = self;
+        let paths = |scene: &Scene| -> Vec<PathBuf> {
+            scene.ecosim_inputs.iter().map(|input| input.path.clone()).collect()
+        };
+        if paths(own) == paths(other) {
+            let (terrain, start) = (terrain.clone(), start.clone());
+            return Ok(Self { terrain, start, images: images.clone(), plants: plants.clone() });
+        }
+        Self::on(other, terrain.clone(), start.clone())
+    }
+
+    fn on(scene: &Scene, terrain: Arc<Layers>, start: Option<Arc<Population>>) -> Result<Self> {
+        check_maps(scene, &terrain.crs)?;
+        let images = Arc::new(images(scene, &scene.ecosim_inputs)?);
+        Ok(Self { terrain, start, images, plants: Arc::new(plants_of_tables(scene)?) })
+    }
+
+    /// The ground's extent.
+    pub(crate) fn frame(&self) -> &Frame {
+        &self.terrain.frame
+    }
+
+    pub(crate) fn grow(
         &self,
         scene: &Scene,
+        seed: Seed,
         progress: &dyn Progress,
         course: Course<'_>,
     ) -> Result<Outcome, weald_ecosim::Error> {
@@ -91,8 +117,8 @@ impl Opened {
             plants: &self.plants,
             views: &views_seen_from(scene, &scene.ecosim),
         };
-        let seed = stage_seed(scene, Stage::Ecosim);
-        weald_ecosim::grow_on(&scene.ecosim, &around, self.start.as_ref(), seed, progress, course)
+        let start = self.start.as_deref();
+        weald_ecosim::grow_on(&scene.ecosim, &around, start, seed, progress, course)
     }
 
     /// Grows with rests at which the state is saved, from the state that was saved before.
@@ -113,7 +139,8 @@ impl Opened {
             checkpoint.year()
         });
         let mut keeper = Keeper::new(saving, &recipe, saved);
-        let grown = self.grow(scene, progress, Course::new(from, Some(&mut keeper)));
+        let seed = stage_seed(scene, Stage::Ecosim);
+        let grown = self.grow(scene, seed, progress, Course::new(from, Some(&mut keeper)));
         grown.map_err(|error| match (error, keeper.saved) {
             (weald_ecosim::Error::Paused | weald_ecosim::Error::Cancelled, Some(year)) => {
                 Error::Paused { file: saving.file.clone(), year }

@@ -6,7 +6,7 @@ use crate::{edit, library};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use weald_contract::source::nearest;
-use weald_contract::table::{FromToml, Kind, Table};
+use weald_contract::table::{Entry, FromToml, Kind, Table};
 use weald_contract::{Input, InputKind, Problem, Problems, Sources, Span, Species, Value, Written};
 
 /// Reads a text file, bounded so that a wrong name does not fill the memory.
@@ -61,8 +61,27 @@ pub fn read_species(
     sources: &mut Sources,
     problems: &mut Problems,
 ) -> Option<SceneSpecies> {
+    let none = SpeciesChanges { name: "", flags: &[] };
+    read_changed(origin, text, none, sources, problems)
+}
+
+/// What flags change in a species.
+struct SpeciesChanges<'a> {
+    name: &'a str,
+    /// `species.NAME.field=value`, in order.
+    flags: &'a [String],
+}
+
+fn read_changed(
+    origin: &str,
+    text: &str,
+    changes: SpeciesChanges<'_>,
+    sources: &mut Sources,
+    problems: &mut Problems,
+) -> Option<SceneSpecies> {
     let source = sources.add(origin, text);
     let tree = Value::parse(source, text).map_err(|found| problems.extend(found)).ok()?;
+    let tree = changes.apply(tree, sources, problems);
     let species = Species::read(&tree, problems)?;
     let before = problems.len();
     let ecology = species.ecology.as_ref().and_then(|v| FromToml::from_toml(v, problems));
@@ -78,6 +97,25 @@ pub fn read_species(
         look: look.unwrap_or_default(),
         origin: origin.into(),
     })
+}
+
+impl SpeciesChanges<'_> {
+    /// Carries the flags out. They name the species, so that it is put where they look for it.
+    fn apply(&self, tree: Value, sources: &mut Sources, problems: &mut Problems) -> Value {
+        let within = |key: &str, value: Value| {
+            let (span, key) = (value.span, key.to_string());
+            let entries = vec![Entry { key, key_span: span, value }];
+            Value { span, kind: Kind::Table(Table { entries }) }
+        };
+        let mut root = within(SPECIES.trim_end_matches('.'), within(self.name, tree));
+        for flag in self.flags {
+            edit::set(&mut root, flag, sources, problems);
+        }
+        [(), ()].iter().fold(root, |value, ()| match value.kind {
+            Kind::Table(mut table) if table.entries.len() == 1 => table.entries.remove(0).value,
+            _ => value,
+        })
+    }
 }
 
 /// Text and origin of a species: beside the scene first, then from the program.
@@ -125,7 +163,12 @@ pub(super) struct Reader {
     path: PathBuf,
     pub(super) sources: Sources,
     problems: Problems,
+    /// `--set species.NAME.…`, by species.
+    species_changes: BTreeMap<String, Vec<String>>,
 }
+
+/// What flags that change a species begin with.
+const SPECIES: &str = "species.";
 
 /// The tables of a scene; those with a mistake are absent.
 struct Tables {
@@ -140,7 +183,12 @@ struct Tables {
 
 impl Reader {
     pub(super) fn new(path: &Path) -> Self {
-        Self { path: path.to_path_buf(), sources: Sources::default(), problems: Vec::new() }
+        Self {
+            path: path.to_path_buf(),
+            sources: Sources::default(),
+            problems: Vec::new(),
+            species_changes: BTreeMap::new(),
+        }
     }
 
     fn folder(&self) -> PathBuf {
@@ -150,7 +198,13 @@ impl Reader {
     /// Reads every table, then checks what stands between tables, species and files.
     pub(super) fn read(mut self, mut tree: Value, changes: &Changes) -> Result<Scene> {
         for flag in &changes.set {
-            edit::set(&mut tree, flag, &mut self.sources, &mut self.problems);
+            match flag.strip_prefix(SPECIES).and_then(|rest| rest.split_once('.')) {
+                Some((name, _)) => {
+                    let name = name.trim().to_string();
+                    self.species_changes.entry(name).or_default().push(flag.clone());
+                }
+                None => edit::set(&mut tree, flag, &mut self.sources, &mut self.problems),
+            }
         }
         let tables = self.tables(&tree);
         self.check_views(&tables, &tree);
@@ -167,6 +221,7 @@ impl Reader {
         }
         let planted = sorted_names(&wanted);
         let species = self.species(wanted);
+        self.check_changes(&species);
 
         let Tables {
             scene: Some(mut tables),
@@ -333,11 +388,29 @@ impl Reader {
             return None;
         };
         match text {
-            Ok(text) => read_species(&origin, &text, &mut self.sources, &mut self.problems),
+            Ok(text) => {
+                let flags = self.species_changes.get(&name.value).map_or(&[][..], Vec::as_slice);
+                let changes = SpeciesChanges { name: &name.value, flags };
+                read_changed(&origin, &text, changes, &mut self.sources, &mut self.problems)
+            }
             Err(error) => {
                 self.problems.push(Problem::at(name.span, error.to_string()));
                 None
             }
+        }
+    }
+
+    /// Complains of changes to species that the scene does not have.
+    fn check_changes(&mut self, species: &BTreeMap<String, SceneSpecies>) {
+        let unknown = self.species_changes.keys().filter(|name| !species.contains_key(*name));
+        for name in unknown.cloned().collect::<Vec<_>>() {
+            let problem = Problem::new(format!("`--set`: the scene has no species `{name}`"));
+            let known: Vec<&str> = species.keys().map(String::as_str).collect();
+            let hint = match nearest(&name, known.iter().copied()) {
+                Some(near) => format!("did you mean `{near}`?"),
+                None => format!("it has {}", known.join(", ")),
+            };
+            self.problems.push(problem.hint(hint));
         }
     }
 }

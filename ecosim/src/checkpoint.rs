@@ -13,14 +13,14 @@ use crate::simulate::Life;
 use crate::stand::{Belongings, Stand, fault};
 use crate::steps::Site;
 use crate::{
-    Cause, Death, Error, Inequality, PlotFit, Snapshot, SummaryRow, Surroundings, Unplaced,
+    Agent, Cause, Death, Error, Inequality, PlotFit, Snapshot, SummaryRow, Surroundings, Unplaced,
 };
 use std::collections::BTreeMap;
 use std::io::{self, Write};
 use weald_contract::{Crs, Frame, Grid, Plant, Population, State};
 
 /// Version of the bytes of a checkpoint.
-pub const CHECKPOINT_VERSION: u32 = 2;
+pub const CHECKPOINT_VERSION: u32 = 3;
 
 /// Latest year that a checkpoint may tell of: far beyond any scene, and far from overflow.
 const LATEST: u32 = 1 << 30;
@@ -268,7 +268,7 @@ records! {
     Frame { width: usize, height: usize, cell: f64, west: f64, south: f64 }
     DormantSeed { id: u64, species: u16, x: f64, y: f64 }
     SummaryRow {
-        step: u32, species: u16, alive: u64, births: u64, dominated: u64, old: u64,
+        step: u32, species: u16, alive: u64, births: u64, dominated: u64, old: u64, disturbed: u64,
         mean_radius: f32, cover: f32, seeds: u64, sizes: Inequality,
     }
     Inequality { gini: f32, variation: f32 }
@@ -290,15 +290,31 @@ impl Bytes for State {
     }
 }
 
+/// Number of the first agent of a disturbance among the causes of death.
+const FIRST_AGENT: u8 = 16;
+
 impl Bytes for Cause {
     const LEAST: usize = 1;
 
     fn put(&self, out: &mut dyn Write) -> io::Result<()> {
-        (*self as u8).put(out)
+        let number = match self {
+            Self::Dominated => 0,
+            Self::Old => 1,
+            Self::Cleared => 2,
+            Self::Disturbed(agent) => FIRST_AGENT + *agent as u8,
+        };
+        number.put(out)
     }
 
     fn take(from: &mut &[u8]) -> Option<Self> {
-        let number = usize::from(u8::take(from)?);
-        [Self::Dominated, Self::Old, Self::Cleared].get(number).copied()
+        match u8::take(from)? {
+            0 => Some(Self::Dominated),
+            1 => Some(Self::Old),
+            2 => Some(Self::Cleared),
+            number => {
+                let agent = usize::from(number).checked_sub(FIRST_AGENT.into())?;
+                Agent::ALL.get(agent).copied().map(Self::Disturbed)
+            }
+        }
     }
 }

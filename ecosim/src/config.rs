@@ -1,6 +1,7 @@
 //! What users write: the table `[ecosim]`.
 
 use crate::clump::Clump;
+use crate::disturbance::Disturbance;
 use crate::self_thinning::SelfThinning;
 use crate::species::Ecology;
 use std::collections::BTreeMap;
@@ -239,6 +240,8 @@ table! {
         /// Years whose plants are kept in a table each, with the state in which they then stand; 0 is
         /// the start.
         keep: Vec<Written<u32>> = Vec::new();
+        /// What kills plants besides age and shade.
+        disturbance: Vec<Disturbance> = Vec::new();
     }
 }
 
@@ -555,7 +558,10 @@ impl Step {
                 let amounts = h.amount.iter().map(|amount| &amount.formula);
                 h.formula.iter().chain(attributes).chain(amounts).collect()
             }
-            Self::Simulate(simulate) => simulate.chance.iter().collect(),
+            Self::Simulate(simulate) => {
+                let of_disturbances = simulate.disturbance.iter().flat_map(|d| &d.mortality);
+                simulate.chance.iter().chain(of_disturbances).collect()
+            }
             Self::SelfThinning(_) => Vec::new(),
             Self::Place(p) => {
                 let attributes = [&p.age, &p.vigor, &p.height, &p.yaw_deg, &p.upright];
@@ -632,6 +638,9 @@ impl Simulate {
             }
         }
         check_kept(&self.keep, self.years.value, "year", problems);
+        for disturbance in &self.disturbance {
+            disturbance.check(&self.species, self.years.value, problems);
+        }
         if !layers.contains(&"soil_moisture") {
             let message = "the terrain has no layer `soil_moisture`, from which vigor follows";
             problems.push(Problem::at(self.years.span, message));

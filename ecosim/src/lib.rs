@@ -21,6 +21,7 @@ mod curve;
 mod density;
 mod dispersal;
 mod distance;
+mod disturbance;
 mod dither;
 mod field;
 mod ground;
@@ -56,6 +57,7 @@ pub use config::{
 };
 pub use curve::{Part, systematic};
 pub use dispersal::{ExponentialPower, Gaussian, Kernel, Lognormal, TwoDt, Uniform, Wald, Wind};
+pub use disturbance::{Agent, Disturbance};
 pub use dither::dither;
 pub use growth::{Growth, Law};
 pub use inequality::Inequality;
@@ -70,7 +72,7 @@ use std::collections::BTreeMap;
 use weald_contract::{Grid, Image, Layers, Population, Problem, Species, View};
 
 /// Version of what this crate computes; it changes whenever equal inputs give other plants.
-pub const OUTPUT_VERSION: u32 = 5;
+pub const OUTPUT_VERSION: u32 = 6;
 
 /// Why no population was made.
 #[derive(Debug, thiserror::Error)]
@@ -163,8 +165,8 @@ pub struct PlotFit {
 /// State of one species at the end of a simulated year.
 ///
 /// The ledger closes within a `simulate` step: `alive` is the `alive` of the row before, plus
-/// `births`, minus `dominated` and `old`. Where other steps or a sowing changed the plants, a step
-/// begins with a row for the state that it finds.
+/// `births`, minus `dominated`, `old` and `disturbed`. Where other steps or a sowing changed the
+/// plants, a step begins with a row for the state that it finds.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SummaryRow {
     /// Years since the first simulated year began, over all `simulate` steps.
@@ -179,6 +181,8 @@ pub struct SummaryRow {
     pub dominated: u64,
     /// Plants that died of old age.
     pub old: u64,
+    /// Plants that a disturbance killed.
+    pub disturbed: u64,
     /// Mean crown radius of those alive, m; 0 when there are none.
     pub mean_radius: f32,
     /// Sum of crown areas over the area of the terrain.
@@ -211,6 +215,8 @@ pub enum Cause {
     Dominated,
     /// It reached the lifespan of its species.
     Old,
+    /// A disturbance struck it.
+    Disturbed(Agent),
     /// A `clear` or `thin` step removed it.
     Cleared,
 }
@@ -221,6 +227,7 @@ impl Cause {
         match self {
             Self::Dominated => "dominated",
             Self::Old => "old",
+            Self::Disturbed(agent) => agent.word(),
             Self::Cleared => "cleared",
         }
     }

@@ -3,11 +3,12 @@
 //! The circle model of [Deussen98]. A year goes as follows:
 //!
 //! 1. plants that have reached the lifespan of their species die of old age;
-//! 2. seeds fall, from mature plants by the kernel of their species and from afar anywhere; of
+//! 2. disturbances strike, in the order in which they are written;
+//! 3. seeds fall, from mature plants by the kernel of their species and from afar anywhere; of
 //!    those in the ground where their species can stand a part germinates, and takes hold with
 //!    the step's `chance`; each seedling draws its vigor ([`Ecology::vigor`]);
-//! 3. everyone grows a year older and to the radius that `[size]` gives for age and vigor;
-//! 4. where circles intersect, the plant of smaller competitive ability, vigor times radius over
+//! 4. everyone grows a year older and to the radius that `[size]` gives for age and vigor;
+//! 5. where circles intersect, the plant of smaller competitive ability, vigor times radius over
 //!    the species' greatest radius, is dominated and dies with probability 1 - survival.
 //!
 //! Plants of the same species that stand already take part. All chance comes from streams keyed
@@ -16,11 +17,12 @@
 mod life;
 mod run;
 
-pub(crate) use life::Life;
+pub(crate) use life::{Grower, Life};
 pub(crate) use run::run;
 
 use crate::competition::{Circle, Plain, dominators};
 use crate::config::{Edge, Order, Simulate};
+use crate::disturbance::Striking;
 use crate::field::BoundFormula;
 use crate::ground::Ground;
 use crate::ids::{IdSource, Tags};
@@ -29,7 +31,6 @@ use crate::species::Ecology;
 use crate::stand::{Kind, Stand};
 use crate::steps::Site;
 use crate::{Cause, Death, Error, Inequality, Surroundings};
-use life::Grower;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::ops::Range;
@@ -92,6 +93,8 @@ pub struct Year {
     pub dominated: u64,
     /// Deaths of old age.
     pub old: u64,
+    /// Deaths by a disturbance.
+    pub disturbed: u64,
     /// Sum of the radii of those alive, m.
     pub radius_sum: f64,
     /// Sum of the areas of their circles, m².
@@ -107,6 +110,9 @@ pub struct Simulation<'a> {
     ground: Ground<'a>,
     participants: Vec<Participant<'a>>,
     chance: Option<BoundFormula<'a>>,
+    disturbances: Vec<Striking<'a>>,
+    /// Year before the first one.
+    start: u32,
     rules: &'a Simulate,
     seed: Seed,
     ids: IdSource,
@@ -148,6 +154,14 @@ impl<'a> Simulation<'a> {
             },
             ground: site.ground.clone(),
             chance: rules.chance.as_ref().map(bind).transpose()?,
+            disturbances: Striking::all(
+                &rules.disturbance,
+                &rules.species,
+                site.around.terrain,
+                stand,
+                site.seed,
+            )?,
+            start: stand.year,
             participants,
             rules,
             seed: site.seed,
@@ -246,11 +260,12 @@ impl<'a> Simulation<'a> {
     /// Lives through one year and says what happened to each species.
     ///
     /// # Errors
-    /// When the step's `chance` has no value somewhere.
+    /// When the step's `chance`, or the mortality of a disturbance, has no value somewhere.
     pub fn step(&mut self) -> Result<Vec<Year>, Error> {
         self.life.year += 1;
         let mut years = vec![Year::default(); self.participants.len()];
         self.die_of_age(&mut years);
+        self.suffer(&mut years)?;
         self.germinate(&mut years)?;
         self.grow_older();
         self.compete(&mut years);
@@ -265,6 +280,28 @@ impl<'a> Simulation<'a> {
         let doomed: Vec<Option<Option<u64>>> =
             self.life.growers.par_iter().map(|plant| is_old(plant).then_some(None)).collect();
         self.bury(&doomed, Cause::Old, |who| years[who].old += 1);
+    }
+
+    /// Lets disturbances strike.
+    fn suffer(&mut self, years: &mut [Year]) -> Result<(), Error> {
+        for number in 0..self.disturbances.len() {
+            let striking = &self.disturbances[number];
+            let year = self.life.year;
+            if !striking.comes(year - self.start, year) {
+                continue;
+            }
+            let height = |plant: &Grower| {
+                let size = self.participants[usize::from(plant.who)].kind.size;
+                size.height_at(plant.age, plant.vigor)
+            };
+            let ground = (self.ground.frame(), self.rules.edge == Edge::Torus);
+            let doomed = striking.doomed(&self.life.growers, height, ground, year)?;
+            let cause = Cause::Disturbed(striking.agent());
+            let doomed: Vec<Option<Option<u64>>> =
+                doomed.into_iter().map(|dies| dies.then_some(None)).collect();
+            self.bury(&doomed, cause, |who| years[who].disturbed += 1);
+        }
+        Ok(())
     }
 
     /// Removes the plants with an entry, which may name a killer.

@@ -73,6 +73,7 @@ const STEPS: &str = "
     years = 8
     initial = 30
     keep = [0, 3, 8]
+    disturbance = [{ agent = \"wind\", interval = 2, radius = [3, 9], mortality = 0.5 }]
     chance = \"1 - 0.5 * crown_shadow(\\\"aspen\\\")\"
     [[step]]
     kind = \"simulate\"

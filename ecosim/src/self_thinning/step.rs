@@ -193,6 +193,7 @@ impl Run<'_, '_> {
             births,
             dominated: tally.dominated,
             old: tally.old,
+            disturbed: 0,
             mean_radius: tally.mean_radius() as f32,
             cover: (tally.area() / self.site.ground.area()) as f32,
             seeds: 0,

@@ -97,6 +97,7 @@ fn record(simulation: &Simulation<'_>, years: &[Year], stand: &mut Stand<'_>) {
         births: year.births,
         dominated: year.dominated,
         old: year.old,
+        disturbed: year.disturbed,
         mean_radius: (year.radius_sum / (year.alive as f64).max(1.0)) as f32,
         cover: (year.area_sum / area) as f32,
         seeds: year.seeds,

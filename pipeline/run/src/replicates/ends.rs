@@ -6,7 +6,7 @@ use weald_contract::{Frame, Plant};
 use weald_ecosim::{Inequality, Outcome};
 
 /// Names of the numbers, in the order of [`End::values`].
-pub(super) const MEASURES: [&str; 13] = [
+pub(super) const MEASURES: [&str; 14] = [
     "plants",
     "density",
     "cover",
@@ -19,6 +19,7 @@ pub(super) const MEASURES: [&str; 13] = [
     "births",
     "dominated",
     "old",
+    "disturbed",
     "seeds",
 ];
 
@@ -73,6 +74,7 @@ fn values(
         rows().map(|row| row.births).sum::<u64>() as f64,
         rows().map(|row| row.dominated).sum::<u64>() as f64,
         rows().map(|row| row.old).sum::<u64>() as f64,
+        rows().map(|row| row.disturbed).sum::<u64>() as f64,
         seeds as f64,
     ]
 }

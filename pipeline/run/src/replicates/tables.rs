@@ -29,11 +29,12 @@ const QUANTILES: [(&str, f64); 7] = [
 /// A number of the history by its name in `summary.csv`.
 type YearMeasure = (&'static str, fn(&SummaryRow) -> f64);
 
-const YEAR_MEASURES: [YearMeasure; 8] = [
+const YEAR_MEASURES: [YearMeasure; 9] = [
     ("alive", |row| row.alive as f64),
     ("births", |row| row.births as f64),
     ("dominated", |row| row.dominated as f64),
     ("old", |row| row.old as f64),
+    ("disturbed", |row| row.disturbed as f64),
     ("mean_radius", |row| f64::from(row.mean_radius)),
     ("cover", |row| f64::from(row.cover)),
     ("gini", |row| f64::from(row.sizes.gini)),

@@ -108,7 +108,8 @@ enum Noise {
 impl Newcomers<'_> {
     fn natural_vigors(&self) -> Vec<f32> {
         let vigor = |&(id, [x, y]): &(u64, [f64; 2])| {
-            self.kind.ecology.vigor(self.ground.soil_moisture(x, y), self.seed, id)
+            let ecology = self.kind.ecology;
+            ecology.vigor(self.ground.suitability(ecology, x, y), self.seed, id)
         };
         self.sites.par_iter().map(vigor).collect()
     }

@@ -4,7 +4,7 @@ use crate::clump::Clump;
 use crate::disturbance::Disturbance;
 use crate::self_thinning::SelfThinning;
 use crate::species::Ecology;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use weald_contract::formula::Variable;
 use weald_contract::source::nearest;
 use weald_contract::table::{Json, Kind, Tagged};
@@ -497,6 +497,10 @@ impl Config {
         layers: &[&str],
     ) -> Problems {
         let mut problems = Problems::new();
+        let named: BTreeSet<&str> = self.species().iter().map(|name| name.value.as_str()).collect();
+        for (_, ecology) in named.iter().filter_map(|name| species.get(*name)) {
+            ecology.check(layers, &mut problems);
+        }
         let mut layers = layers.to_vec();
         for path in &self.images {
             let stem = stem(&path.value);

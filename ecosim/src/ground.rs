@@ -56,6 +56,16 @@ impl<'a> Ground<'a> {
         self.soil_moisture.as_ref().map_or(0.5, |field| field.at(x, y))
     }
 
+    /// Returns how well a place suits a species, 0 to 1: the product of its responses to moisture
+    /// and to all layers that it answers to.
+    pub(crate) fn suitability(&self, ecology: &Ecology, x: f64, y: f64) -> f32 {
+        let of_layers = ecology.response.iter().map(|response| {
+            let layer = Field::layer(self.terrain, &response.layer.value);
+            layer.map_or(1.0, |layer| response.at(layer.at(x, y)))
+        });
+        ecology.suitability(self.soil_moisture(x, y)) * of_layers.product::<f32>()
+    }
+
     /// Returns the unit normal, from central differences over one cell to each side.
     pub(crate) fn normal(&self, x: f64, y: f64) -> Vec3 {
         let h = self.altitude.cell(x, y);

@@ -65,7 +65,7 @@ pub use power::polish;
 pub use relax::{Relaxation, relax};
 pub use seeds::{DormantSeed, Mast};
 pub use simulate::{Simulation, Year};
-pub use species::Ecology;
+pub use species::{Ecology, Response};
 pub use steps::{grow, grow_on};
 
 use std::collections::BTreeMap;

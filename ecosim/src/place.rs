@@ -110,8 +110,8 @@ fn fill_in(
 ) {
     let Some(kind) = species.map(|species| stand.kind(*species)) else { return };
     if plant.vigor.is_nan() {
-        let moisture = site.ground.soil_moisture(plant.x, plant.y);
-        plant.vigor = kind.ecology.vigor(moisture, site.seed, plant.id);
+        let suitability = site.ground.suitability(kind.ecology, plant.x, plant.y);
+        plant.vigor = kind.ecology.vigor(suitability, site.seed, plant.id);
     }
     for size in [&mut plant.height, &mut plant.radius] {
         *size = if size.is_nan() { 0.0 } else { *size };

@@ -249,8 +249,8 @@ impl<'a> Simulation<'a> {
 
     fn grower(&self, who: usize, id: u64, [x, y]: [f64; 2], age: f32) -> Grower {
         let participant = &self.participants[who];
-        let moisture = self.ground.soil_moisture(x, y);
-        let vigor = participant.kind.ecology.vigor(moisture, self.seed, id);
+        let ecology = participant.kind.ecology;
+        let vigor = ecology.vigor(self.ground.suitability(ecology, x, y), self.seed, id);
         let full_radius = participant.full_radius(vigor);
         let radius = participant.radius(age, full_radius);
         let (who, state, is_settler) = (who as u16, State::Free, false);

@@ -2,7 +2,32 @@
 
 use crate::dispersal::Kernel;
 use crate::seeds::Mast;
-use weald_contract::{Seed, table};
+use weald_contract::source::nearest;
+use weald_contract::{Problem, Seed, Written, table};
+
+table! {
+    /// How a species answers to a layer of the terrain.
+    ///
+    /// The response is 1 within the range that it likes best, and falls off as a Gaussian outside:
+    /// `r = exp(-d² / (2 t²))` at a distance d from the range, with the tolerance t [Gauch72].
+    pub struct Response {
+        /// Name of the layer.
+        layer: Written<String>;
+        /// Least and greatest value that it likes best, in the layer's unit.
+        best: Written<[f32; 2]>, in -1000000000.0..=1000000000.0;
+        /// Standard deviation of the response outside, in the layer's unit.
+        tolerance: f32, in 0.000001..=1000000000.0;
+    }
+}
+
+impl Response {
+    /// Returns the response to a value of the layer, 0 to 1.
+    pub fn at(&self, value: f32) -> f32 {
+        let [least, greatest] = self.best.value;
+        let off = (value - value.clamp(least, greatest.max(least))) / self.tolerance;
+        libm::expf(-0.5 * off * off)
+    }
+}
 
 table! {
     /// How a species comes, competes and dies.
@@ -31,6 +56,8 @@ table! {
         wet_preference: f32 = 0.0, in -1.0..=1.0;
         /// How wide a range of soil moisture suits it: standard deviation of its response.
         wet_tolerance: f32 = 0.35, in 0.01..=100.0;
+        /// How it answers to other layers of the terrain; vigor is the product of all.
+        response: Vec<Response> = Vec::new();
         /// Least and greatest depth of water it stands in, m.
         water_depth: [f32; 2] = [0.0, 0.0], in 0.0..=100.0;
         /// Steepest ground it stands on, degrees.
@@ -55,6 +82,7 @@ impl Default for Ecology {
             survival: 0.3,
             wet_preference: 0.0,
             wet_tolerance: 0.35,
+            response: Vec::new(),
             water_depth: [0.0, 0.0],
             slope_max_deg: 60.0,
             upright: 1.0,
@@ -75,15 +103,34 @@ impl Ecology {
         libm::expf(-0.5 * off * off)
     }
 
-    /// Returns the vigor of one plant on soil of this moisture.
+    /// Returns the vigor of one plant on ground of this suitability, 0 to 1.
     ///
     /// The paper asks for "a randomized function of the water concentration at the plant
     /// location and the plant's preference" [Deussen98] without giving it. Ours is
-    /// `vigor = s(m) (1 - growth_spread u)`, with [`Ecology::suitability`] `s` and `u` uniform
-    /// in [0, 1) from the plant's own stream, so that it never exceeds 1.
-    pub fn vigor(&self, moisture: f32, seed: Seed, id: u64) -> f32 {
+    /// `vigor = s (1 - growth_spread u)`, where `s` is the product of [`Ecology::suitability`] for
+    /// the moisture and every [`Response`], and `u` uniform in [0, 1) from the plant's own stream, so
+    /// that it never exceeds 1.
+    pub fn vigor(&self, suitability: f32, seed: Seed, id: u64) -> f32 {
         let chance = seed.stream("vigor", id).unit() as f32;
-        self.suitability(moisture) * (1.0 - self.growth_spread * chance)
+        suitability * (1.0 - self.growth_spread * chance)
+    }
+
+    /// Complains of responses to layers that the terrain does not have, and of ranges that fall.
+    pub(crate) fn check(&self, layers: &[&str], problems: &mut Vec<Problem>) {
+        for Response { layer, best, .. } in &self.response {
+            if !layers.contains(&layer.value.as_str()) {
+                let message = format!("the terrain has no layer `{}`", layer.value);
+                let hint = match nearest(&layer.value, layers.iter().copied()) {
+                    Some(near) => format!("did you mean `{near}`?"),
+                    None => format!("`layers = [\"{}\"]` in `[terrain]` may make it", layer.value),
+                };
+                problems.push(Problem::at(layer.span, message).hint(hint));
+            }
+            if best.value[0] > best.value[1] {
+                let problem = Problem::at(best.span, "`best` falls: least comes first");
+                problems.push(problem.hint("write `best = [least, greatest]`"));
+            }
+        }
     }
 }
 
@@ -108,9 +155,26 @@ mod tests {
     }
 
     #[test]
+    fn a_response_is_level_within_its_range_and_falls_as_a_gaussian_outside() {
+        let none = weald_contract::Span::default();
+        let response = |best| Response {
+            layer: Written { value: "insolation".into(), span: none },
+            best: Written { value: best, span: none },
+            tolerance: 4.0,
+        };
+        let range = response([12.0, 18.0]);
+        assert!([12.0, 15.0, 18.0].iter().all(|value| range.at(*value) == 1.0));
+        // One and two standard deviations off: exp(-1/2), exp(-2).
+        for (value, right) in [(8.0, 0.606_530_7), (22.0, 0.606_530_7), (26.0, 0.135_335_3f32)] {
+            assert!((range.at(value) - right).abs() < 1e-6);
+        }
+        assert_eq!(response([5.0, 5.0]).at(5.0), 1.0);
+    }
+
+    #[test]
     fn chance_takes_at_most_the_spread_from_vigor() {
         let ecology = Ecology { growth_spread: 0.5, ..Ecology::default() };
-        let vigors: Vec<f32> = (0..1000).map(|id| ecology.vigor(0.5, Seed(3), id)).collect();
+        let vigors: Vec<f32> = (0..1000).map(|id| ecology.vigor(1.0, Seed(3), id)).collect();
         assert!(vigors.iter().all(|v| (0.5..=1.0).contains(v)));
         let mean = vigors.iter().sum::<f32>() / 1000.0;
         // Mean of 1 - u/2 is 3/4; standard error 0.5 / sqrt(12 · 1000) = 0.0046, five of them.

@@ -376,3 +376,34 @@ fn two_simulations_that_meet_in_a_kept_year_share_its_table() {
     assert!(species_of(plants, 0).count() > 10 && species_of(plants, 1).count() == 50);
     assert_eq!(species_of(&outcome.snapshots[1].population.plants, 0).count(), 0);
 }
+
+/// The bell of one layer times that of another is the bell of both, and a terrain without the layer
+/// is a mistake in the species.
+#[test]
+fn vigor_follows_any_layer_of_the_terrain() {
+    let text = |layer: &str| {
+        format!(
+            "{TREE}\n[ecology]\nwet_tolerance = 100\ngrowth_spread = 0\nsurvival = 1\n\
+             [[ecology.response]]\nlayer = \"{layer}\"\nbest = [10, 20]\ntolerance = 5\n\
+             [[ecology.response]]\nlayer = \"soil_moisture\"\nbest = [0, 1]\ntolerance = 1"
+        )
+    };
+    let mut world = plain(50, 1.0).with_species("tree", &text("insolation"));
+    let warmth = (0..2500).map(|i| (i % 50) as f32 + 0.5).collect();
+    world.terrain.insert("insolation", "MJ m-2 d-1", "warmer to the east", warmth);
+    let steps = "[[step]]\nkind = \"simulate\"\nspecies = [\"tree\"]\nyears = 1\ninitial = 500\n\
+                 [[step]]\nkind = \"halftone\"\nspecies = \"tree\"\nper_m2 = 0.1";
+    let population = world.grow(steps).unwrap().population;
+    assert!(population.len() >= 740);
+    for (plant, [x, _]) in population.plants.iter().zip(world.places(&population)) {
+        // Bilinear between cell centres, level beyond the outermost.
+        let value = x.clamp(0.5, 49.5);
+        let off = (10.0 - value).max(value - 20.0).max(0.0) / 5.0;
+        let right = (-0.5 * off * off).exp();
+        // Moisture, wide as it is, takes up to 0.0000125.
+        assert!((f64::from(plant.vigor) - right).abs() < 3e-5, "{x}: {} {right}", plant.vigor);
+    }
+    let world = plain(50, 1.0).with_species("tree", &text("insolatoin"));
+    let message = world.grow(steps).unwrap_err().to_string();
+    assert!(message.contains("no layer `insolatoin`"), "{message}");
+}

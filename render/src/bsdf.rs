@@ -3,6 +3,11 @@
 //! A surface scatters diffusely to the side the light came from, and a leaf also to the other
 //! side; a smooth one has a thin glossy [`Coat`] above that, on both sides. What the coat
 //! reflects does not reach the leaf below.
+//!
+//! Which side light comes from is told by the geometric normal, or light would leak through; how
+//! much of it arrives by the shading normal n, as |n · ω| [Veach97] §5.3. Directions that lie above one
+//! plane and below the other thereby lose nothing: the wedge that the geometric plane cuts off the
+//! hemisphere around n stands opposite the one that it adds, and |n · ω| is the same on both.
 
 use crate::coat::Coat;
 use crate::tone::luminance;
@@ -100,20 +105,20 @@ impl Bsdf {
     pub fn evaluate(&self, view: Vec3, light: Vec3) -> Scatter {
         let none = Scatter { value: Vec3::ZERO, pdf: 0.0 };
         let (cos_view, cos_light) = (self.normal.dot(view), self.normal.dot(light));
-        // Shading and geometry must agree on the side, or light would leak through.
-        if cos_light * self.geometric.dot(light) <= 0.0 || cos_view <= 0.0 {
+        let side = self.geometric.dot(light);
+        if side == 0.0 || cos_view <= 0.0 {
             return none;
         }
         let [coat_chance, reflect_chance, transmit_chance] = self.choices(view);
         let density = cos_light.abs() / PI;
         let passes = self.coat.map_or(1.0, |coat| coat.passes(cos_view, cos_light.abs()));
-        if cos_light < 0.0 {
+        if side < 0.0 {
             let value = self.transmittance * (passes * density);
             return Scatter { value, pdf: transmit_chance * density };
         }
         let mut value = self.reflectance * (passes * density);
         let mut pdf = reflect_chance * density;
-        if let Some(coat) = &self.coat {
+        if let (Some(coat), true) = (&self.coat, cos_light > 0.0) {
             let lobe = coat.evaluate(self.normal, view, light);
             value += lobe.value;
             pdf += coat_chance * lobe.pdf;
@@ -129,13 +134,15 @@ impl Bsdf {
             let half = coat.visible_facet(self.normal, view, [u[0], u[1]]);
             2.0 * view.dot(half) * half - view
         } else {
-            let up = cosine_direction(self.normal, [u[0], u[1]]);
-            if u[2] < coat_chance + reflect_chance {
-                up
-            } else {
-                up - 2.0 * up.dot(self.normal) * self.normal
-            }
+            // The direction or its opposite, whichever lies on the side that is wanted.
+            let either = cosine_direction(self.normal, [u[0], u[1]]);
+            let is_above = self.geometric.dot(either) > 0.0;
+            if is_above == (u[2] < coat_chance + reflect_chance) { either } else { -either }
         };
+        let lowest = self.geometric.dot(direction).min(self.normal.dot(direction));
+        if facet.is_some() && lowest <= 0.0 {
+            return None;
+        }
         let Scatter { value, pdf } = self.evaluate(view, direction);
         (pdf > 0.0).then(|| BsdfSample { direction, weight: value / pdf, pdf })
     }
@@ -179,6 +186,19 @@ mod tests {
             species: 0,
         };
         Bsdf::new(&material, Vec3::Z, Vec3::Z, view)
+    }
+
+    #[test]
+    fn a_surface_with_a_bent_normal_returns_what_a_flat_one_does() {
+        for degrees in [5.0, 20.0, 40.0] {
+            let bent = view_at(degrees);
+            let view = Vec3::new(0.2, 0.5, 0.8).normalize();
+            for (reflectance, transmittance) in [(0.5, 0.5), (0.7, 0.1)] {
+                let bsdf = Bsdf { normal: bent, ..leaf(reflectance, transmittance, 1.0) };
+                let got = albedo(&bsdf, view);
+                assert!((got - reflectance - transmittance).abs() < 1e-3, "{degrees}°: {got}");
+            }
+        }
     }
 
     fn numbers(chance: &mut Stream) -> [f32; 3] {
@@ -252,7 +272,8 @@ mod tests {
     fn the_density_of_directions_is_what_it_is_said_to_be() {
         // χ² over cells of equal area of the sphere, expected counts by fine integration.
         let (rows, columns, draws) = (10, 12, 60_000);
-        for bsdf in [leaf(0.4, 0.3, 1.0), leaf(0.4, 0.0, 0.5), leaf(0.2, 0.3, 0.35)] {
+        let bent = Bsdf { normal: view_at(-25.0), ..leaf(0.4, 0.3, 0.5) };
+        for bsdf in [leaf(0.4, 0.3, 1.0), leaf(0.4, 0.0, 0.5), leaf(0.2, 0.3, 0.35), bent] {
             let view = view_at(50.0);
             let mut expected = vec![0.0f64; rows * columns];
             let fine = 24;

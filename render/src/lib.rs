@@ -46,7 +46,7 @@ pub use tone::tone_map;
 use weald_contract::Problem;
 
 /// Changes whenever the same input would give other bytes than before.
-pub const OUTPUT_VERSION: u32 = 8;
+pub const OUTPUT_VERSION: u32 = 9;
 
 /// Why there is no picture.
 #[derive(Debug, thiserror::Error)]

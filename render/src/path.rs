@@ -897,6 +897,27 @@ mod tests {
     }
 
     #[test]
+    fn lossless_leaves_with_bent_normals_vanish_in_a_white_furnace_too() {
+        let mut chance = Seed(11).stream("bent", 0);
+        let mut bent: Vec<Triangle> = leaves(150);
+        for leaf in &mut bent {
+            let [a, b, c] = leaf.corners;
+            let flat = (b - a).cross(c - a).normalize();
+            let normals = [0; 3].map(|_| {
+                let aside = Vec3::from_array([0; 3].map(|_| chance.around(0.0, 0.5) as f32));
+                (flat + aside).normalize()
+            });
+            leaf.face = Face::new(normals, 0);
+        }
+        for (reflectance, transmittance) in [(0.5, 0.5), (1.0, 0.0)] {
+            let materials = vec![material(reflectance, transmittance)];
+            let scene = Scene::of_mesh(&bent, materials, Dome::constant(1.0));
+            let light = mean(&scene, 64, 30_000, inwards);
+            assert!((light - 1.0).abs().max_element() < 0.005, "{light}");
+        }
+    }
+
+    #[test]
     fn the_bounce_limit_changes_nothing_where_one_scattering_is_all() {
         // Level ground sees only the sky: ρ E / π whatever the limit.
         let dome = Dome::constant(1.0);

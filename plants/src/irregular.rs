@@ -420,12 +420,25 @@ impl Irregular {
         tree::grow(self, filling, seed)
     }
 
+    /// How the paths of [`Irregular::grow`] above the ground are found: what is drawn again, and
+    /// what finds no place.
+    ///
+    /// # Errors
+    /// No path leads from the root to any endpoint, or to one that was placed by hand.
+    pub fn report(&self, stature: &Stature, seed: Seed) -> Result<Report, Problem> {
+        Ok(self.tree(self.filling(stature), seed)?.report)
+    }
+
+    fn filling(&self, stature: &Stature) -> f32 {
+        filling(stature.maturity, stature.vigor, self.filling_exponent, self.starved)
+    }
+
     /// Grows a tree to a stature.
     ///
     /// # Errors
     /// No path leads from the root to any endpoint, or to one that was placed by hand.
     pub fn grow(&self, stature: &Stature, seed: Seed) -> Result<Skeleton, Problem> {
-        let filling = filling(stature.maturity, stature.vigor, self.filling_exponent, self.starved);
+        let filling = self.filling(stature);
         let tree = self.tree(filling, seed)?;
         let roots = match &self.roots {
             Some(roots) => Some(roots::grow(self, roots, filling, seed)?),

@@ -17,7 +17,9 @@ mod twigs;
 pub use ecosim::{EcosimPaths, ecosim};
 pub(crate) use ecosim::{Opened, refusal};
 pub use levels::{Leveled, Pixels, level};
-pub use plants::{Growing, grow_coarse, grow_one, model_file, plant_file, plants, skeleton_of};
+pub use plants::{
+    Growing, grow_coarse, grow_one, model_file, paths_of, plant_file, plants, skeleton_of,
+};
 pub use quantize::{Quantizing, quantize};
 pub(crate) use render::{Assembled, assemble};
 pub use render::{RenderPaths, render, species_names};

@@ -208,7 +208,34 @@ pub fn plants(
         "triangles": sum(PlantModel::unique_triangles),
         "instanced_triangles": sum(PlantModel::instanced_triangles),
     });
+    if let [Individual { plant, .. }] = individuals.as_slice() {
+        tell_paths(&mut made, make::paths_of(&found, plant, seed));
+    }
     Ok(made)
+}
+
+/// Tells how the paths of an irregular tree were found.
+fn tell_paths(made: &mut Made, report: Option<weald_plants::irregular::Report>) {
+    let Some(report) = report else { return };
+    let endpoints = report.endpoints_in_all();
+    made.report["paths"] = json!({
+        "graphs": report.graphs,
+        "nodes": report.nodes,
+        "edges": report.edges,
+        "endpoints": report.endpoints,
+        "redrawn": report.redrawn,
+        "lost": report.lost,
+    });
+    made.words = format!(
+        "paths to {endpoints} endpoints through {} graphs of {} nodes and {} edges",
+        report.graphs, report.nodes, report.edges
+    );
+    if report.redrawn > 0 {
+        made.words += &format!("\n{} endpoints out of reach were drawn again", report.redrawn);
+    }
+    if report.lost > 0 {
+        made.words += &format!("\n{} endpoints found no place", report.lost);
+    }
 }
 
 /// A group has no form of its own.

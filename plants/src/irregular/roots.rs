@@ -20,6 +20,7 @@ pub(super) fn grow(
     let seed = seed.part("roots", 0);
     let radius = roots.subradius.unwrap_or(roots.radius / 3.0);
     let mut grower = Grower::new(form, stages(&roots.level, radius, form.shrink), filling);
+    grower.ceiling = form.root.value[2];
     first(&mut grower, roots, seed)?;
     grower.further();
     Ok(grower.tree)

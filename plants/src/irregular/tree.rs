@@ -128,6 +128,8 @@ pub(super) struct Grower<'a> {
     /// Node of the tree that each node of the graph has become.
     pub(super) in_tree: Vec<u32>,
     filling: f32,
+    /// Height above which nothing grows: the ground, of roots.
+    pub(super) ceiling: f32,
     /// Volumes of the shapes of further graphs.
     units: BTreeMap<(u32, u32), Unit>,
     walk: Vec<u32>,
@@ -147,7 +149,21 @@ impl<'a> Grower<'a> {
         let weights = Weights::new(form.least_weight, form.irregularity, form.guide);
         let (tree, graph, paths) = Default::default();
         let (in_tree, units, walk, pool) = Default::default();
-        Self { form, stages, tree, graph, paths, weights, in_tree, filling, units, walk, pool }
+        let ceiling = f32::INFINITY;
+        Self {
+            form,
+            stages,
+            tree,
+            graph,
+            paths,
+            weights,
+            in_tree,
+            filling,
+            ceiling,
+            units,
+            walk,
+            pool,
+        }
     }
 
     /// The first graph and its paths.
@@ -327,9 +343,13 @@ impl<'a> Grower<'a> {
             Layout::Lattice => scattered.lattice(space, pitch, given),
             Layout::Poisson => {
                 let how = Scatter { count, apart: form.spacing * pitch };
+                let (ceiling, obstacles) = (self.ceiling, &form.obstacle);
+                let is_everywhere = obstacles.is_empty() && ceiling == f32::INFINITY;
                 scattered.scatter(space, &how, given, &mut stream, |p| {
-                    form.obstacle.is_empty()
-                        || !form.obstacle.iter().any(|solid| solid.contains(place.of(p)))
+                    is_everywhere || {
+                        let p = place.of(p);
+                        p.z <= ceiling && !obstacles.iter().any(|solid| solid.contains(p))
+                    }
                 });
             }
         }

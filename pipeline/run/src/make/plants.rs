@@ -15,6 +15,7 @@ use std::path::{Path, PathBuf};
 use weald_contract::{Instances, PlantModel, Progress, Representative, Seed, Sources};
 use weald_formats::Provenance;
 use weald_plants::detail::Detail;
+use weald_plants::irregular::Report;
 use weald_plants::{Conditions, Form, Skeleton, Stature, look};
 
 /// File name of a representative's model, the full one or one of its coarser levels from 1 on.
@@ -314,6 +315,13 @@ pub fn skeleton_of(
     let seed = own_seed(plant, seed);
     weald_plants::skeleton(form, &found.species.size, plant, seed)
         .map_err(|error| told(sources, error))
+}
+
+/// How the paths of an irregular tree were found; `None` of other plants.
+pub fn paths_of(found: &SceneSpecies, plant: &Representative, seed: Seed) -> Option<Report> {
+    let Some(Form::Irregular(form)) = &found.form else { return None };
+    let stature = Stature::new(&found.species.size, plant).ok()?;
+    form.report(&stature, own_seed(plant, seed)).ok()
 }
 
 fn own_seed(plant: &Representative, seed: Seed) -> Seed {

@@ -64,6 +64,13 @@ impl Coat {
         self.alpha
     }
 
+    /// How much the coat hides what lies below more at grazing angles (15° above the surface) than
+    /// straight down, as part of what a smooth one does: 1 smooth, less where it is rough.
+    pub fn fading(&self) -> f32 {
+        let low = 0.26;
+        (self.albedo(low) - self.albedo(1.0)) / (fresnel(low) - fresnel(1.0))
+    }
+
     /// Part of light from everywhere above that the coat reflects.
     pub fn mean_albedo(&self) -> f32 {
         1.0 - 1.0 / self.gain
@@ -118,7 +125,7 @@ impl Coat {
 /// Fresnel reflectance of the coat for unpolarised light. The usual short form by powers of 1 - cos
 /// [Schlick94] has a sixth too little at 45°, which dark leaves, half of whose light comes from the coat,
 /// showed beside another renderer.
-fn fresnel(cos: f32) -> f32 {
+pub(crate) fn fresnel(cos: f32) -> f32 {
     let cos = cos.clamp(0.0, 1.0);
     let inner = (1.0 - (1.0 - cos * cos) / (INDEX * INDEX)).sqrt();
     let across = (cos - INDEX * inner) / (cos + INDEX * inner);

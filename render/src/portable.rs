@@ -89,6 +89,9 @@ pub struct Gloss {
     pub alpha: f32,
     /// Part of diffuse light from above that it reflects; as much less reaches what lies below.
     pub albedo: f32,
+    /// How much of that loss goes with the angle as that of a smooth coat does; the rest is the same
+    /// at all angles.
+    pub fading: f32,
 }
 
 /// Where the colours of a [`Finish`] come from.
@@ -278,8 +281,11 @@ fn finishes(scene: &Scene, variation: f32) -> Vec<Finish> {
             reflectance: (material.reflectance * mean).to_array(),
             transmittance: (material.transmittance * mean).to_array(),
             emission: material.emission.to_array(),
-            coat: crate::coat::Coat::new(material.roughness)
-                .map(|coat| Gloss { alpha: coat.alpha(), albedo: coat.mean_albedo() }),
+            coat: crate::coat::Coat::new(material.roughness).map(|coat| Gloss {
+                alpha: coat.alpha(),
+                albedo: coat.mean_albedo(),
+                fading: coat.fading().clamp(0.0, 1.0),
+            }),
             paint,
         }
     };

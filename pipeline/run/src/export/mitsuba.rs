@@ -3,6 +3,9 @@
 //! Mitsuba has no material like our leaf, so that its own are blended. A blend adds its parts by
 //! weights that also are the chances of drawing them; each part is therefore made brighter by the
 //! inverse of its weight, and weights go with what the parts return.
+//!
+//! Mitsuba starts rays off a surface by 9e-5 of their distance from the origin: 6 mm at 64 m, farther than
+//! blades of grass stand apart, which lets light through. The origin is therefore the eye.
 
 use crate::error::Result;
 use crate::make::{make_folder, make_folder_of};
@@ -67,12 +70,12 @@ pub(super) fn write(
     let mut text = String::from("<scene version=\"3.0.0\">\n");
     let _ = writeln!(text, "  <!-- weald {} -->", story.to_json().replace("--", "\\u002d\\u002d"));
     text += &camera(eye, config);
-    text += &lights(portable, eye, &mut pictures)?;
+    text += &lights(portable, &mut pictures)?;
     for &finish in &used {
         let id = name_of(portable, finish);
         text += &material(portable, &portable.finishes[finish as usize], &id, &mut pictures)?;
     }
-    text += &shapes(portable, &parts);
+    text += &shapes(portable, &parts, eye.position);
     text += "</scene>\n";
     let scene = folder.join("scene.xml");
     write_atomically(&scene, |file| Ok(std::io::Write::write_all(file, text.as_bytes())?))?;
@@ -127,7 +130,7 @@ fn name_of(portable: &Portable<'_>, finish: u32) -> String {
 
 /// Integrator, sensor and film.
 fn camera(eye: &Eye, config: &Config) -> String {
-    let target = [0, 1, 2].map(|axis| eye.position[axis] + eye.focus * eye.forward[axis]);
+    let target = eye.forward.map(|part| eye.focus * part);
     let kind = match eye.projection {
         Projection::Orthographic => "orthographic",
         _ if eye.lens_radius > 0.0 => "thinlens",
@@ -181,7 +184,7 @@ fn camera(eye: &Eye, config: &Config) -> String {
         samples = config.samples,
         // Ours counts scatterings, theirs the segments of a path.
         depth = config.bounces + 1,
-        origin = triple(eye.position),
+        origin = triple([0.0; 3]),
         target = triple(target),
         up = triple(eye.up),
         filter = eye.filter,
@@ -189,7 +192,7 @@ fn camera(eye: &Eye, config: &Config) -> String {
 }
 
 /// Sky and sun.
-fn lights(portable: &Portable<'_>, eye: &Eye, pictures: &mut Pictures<'_>) -> Result<String> {
+fn lights(portable: &Portable<'_>, pictures: &mut Pictures<'_>) -> Result<String> {
     let columns = portable.sky_columns().max(SKY_COLUMNS).next_multiple_of(4);
     pictures.add("sky.exr", &sky(portable, columns, columns / 2))?;
     // Their map has Y up and its left rim in the north once that is turned; ours begins in the south.
@@ -208,8 +211,8 @@ fn lights(portable: &Portable<'_>, eye: &Eye, pictures: &mut Pictures<'_>) -> Re
     let radius = SUN_DISTANCE * libm::tan(lamp.radius);
     let toward = glam::DVec3::from_array(lamp.direction.map(f64::from)).normalize();
     let (side, up) = toward.any_orthonormal_pair();
-    let place = glam::DVec3::from_array(eye.position.map(f64::from)) + SUN_DISTANCE * toward;
-    let axes = [side * radius, up * radius, -toward, place].map(|axis| axis.to_array());
+    let axes =
+        [side * radius, up * radius, -toward, SUN_DISTANCE * toward].map(|axis| axis.to_array());
     let row = |axis: usize| axes.map(|column| column[axis].to_string()).join(" ");
     let _ = write!(
         text,
@@ -372,25 +375,22 @@ fn blend(finish: &Finish, paint: &mut Paint<'_>) -> Result<String> {
     // Mitsuba refuses colours above 1, which only the brightest petals would reach.
     let brighter = |color: [f32; 3], by: f32| color.map(|c| (c * by).min(1.0));
     let mut lobes: Vec<(f32, String)> = Vec::new();
-    if reflect > 0.0 || total == 0.0 {
-        lobes.push((
-            reflect,
-            match finish.coat {
-                None => {
-                    let color = paint("reflectance", brighter(reflected, 1.0 / reflect.max(1e-6)))?;
-                    two_sided(&format!("<bsdf type=\"diffuse\">{color}</bsdf>"))
-                }
-                // Light through a smooth coat of the same index has nearly the same angles.
-                Some(_) => {
-                    let by = 1.0 / (reflect * (1.0 - SMOOTH_MEAN));
-                    let color = paint("diffuse_reflectance", brighter(reflected, by))?;
-                    two_sided(&format!(
-                        "<bsdf type=\"plastic\"><float name=\"int_ior\" value=\"1.5\"/><float \
-                     name=\"specular_reflectance\" value=\"0\"/>{color}</bsdf>"
-                    ))
-                }
-            },
+    // Under a smooth coat of the same index light fades towards grazing angles, under a rough one
+    // less, under none not at all.
+    let fading = finish.coat.map_or(0.0, |coat| coat.fading);
+    if (reflect > 0.0 && fading < 1.0) || total == 0.0 {
+        let color = paint("reflectance", brighter(reflected, 1.0 / reflect.max(1e-6)))?;
+        let text = two_sided(&format!("<bsdf type=\"diffuse\">{color}</bsdf>"));
+        lobes.push((reflect * (1.0 - fading), text));
+    }
+    if reflect * fading > 0.0 {
+        let by = 1.0 / (reflect * (1.0 - SMOOTH_MEAN));
+        let color = paint("diffuse_reflectance", brighter(reflected, by))?;
+        let text = two_sided(&format!(
+            "<bsdf type=\"plastic\"><float name=\"int_ior\" value=\"1.5\"/><float \
+             name=\"specular_reflectance\" value=\"0\"/>{color}</bsdf>"
         ));
+        lobes.push((reflect * fading, text));
     }
     if transmit > 0.0 {
         let color = paint("base_color", brighter(transmitted, 1.0 / transmit))?;
@@ -449,7 +449,7 @@ fn triple(values: [f32; 3]) -> String {
 
 /// Meshes where they stand: those of many places as groups and instances. Lights cannot be
 /// instanced, and what stands once need not be.
-fn shapes(portable: &Portable<'_>, parts: &[Vec<Part>]) -> String {
+fn shapes(portable: &Portable<'_>, parts: &[Vec<Part>], eye: [f32; 3]) -> String {
     let mut counts = vec![0u64; parts.len()];
     portable.places.iter().for_each(|place| counts[place.piece] += 1);
     let is_apart = |piece: usize, part: &Part| counts[piece] == 1 || portable.shines(part.finish);
@@ -467,7 +467,7 @@ fn shapes(portable: &Portable<'_>, parts: &[Vec<Part>]) -> String {
     }
     for place in &portable.places {
         let piece = place.piece;
-        let matrix = matrix(place);
+        let matrix = matrix(place, eye);
         if has_group[piece] {
             let _ = writeln!(
                 text,
@@ -496,8 +496,11 @@ fn shape(portable: &Portable<'_>, part: &Part, matrix: &str) -> String {
     )
 }
 
-fn matrix(place: &Place) -> String {
-    let rows = place.scene_from_piece.map(|row| row.map(|value| value.to_string()).join(" "));
+fn matrix(place: &Place, eye: [f32; 3]) -> String {
+    let rows = [0, 1, 2].map(|axis| {
+        let [x, y, z, w] = place.scene_from_piece[axis];
+        [x, y, z, w - eye[axis]].map(|value| value.to_string()).join(" ")
+    });
     format!(
         "<transform name=\"to_world\"><matrix value=\"{} 0 0 0 1\"/></transform>",
         rows.join(" ")
@@ -536,7 +539,7 @@ mod tests {
     fn opaque_and_black_surfaces_need_no_blend() {
         assert!(!blend_of(&finish(0.3, 0.0, None)).contains("blendbsdf"));
         assert!(blend_of(&finish(0.0, 0.0, None)).contains("value=\"0, 0, 0\""));
-        let coat = Some(Gloss { alpha: 0.25, albedo: 0.05 });
-        assert_eq!(blend_of(&finish(0.3, 0.2, coat)).matches("blendbsdf").count(), 2);
+        let coat = Some(Gloss { alpha: 0.25, albedo: 0.05, fading: 0.5 });
+        assert_eq!(blend_of(&finish(0.3, 0.2, coat)).matches("blendbsdf").count(), 3);
     }
 }
